@@ -78,18 +78,18 @@ def campaign(folder: str, end: float, runs: int) -> Any:
 
 
 def by_runs(most: int) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, 10.0, most)
-        fly_block(found, 0, 2000, 1)
+        simulate_block(found, 0, 2000, 1)
         print("    runs   us a run   (10 s of motion, 200 steps, 20 samples; one core)")
         for runs in [10**k for k in range(round(math.log10(most)) + 1)]:
 
             def fly(runs: int = runs) -> None:
                 for first in range(0, runs, SIDE_BY_SIDE):
-                    fly_block(found, first, min(runs, first + SIDE_BY_SIDE), 1)
+                    simulate_block(found, first, min(runs, first + SIDE_BY_SIDE), 1)
 
             print(f"{runs:8d} {seconds(fly, REPEATS if runs <= 10_000 else 1) / runs * 1e6:10.1f}", flush=True)
 
@@ -159,16 +159,16 @@ def wait_for_all(barrier: Any) -> None:
 
 
 def alone(_: int) -> float:
-    from rb_dynamics.study.campaign.block_of_runs import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
     from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)
-    fly_block(found, 0, 20, 1)
+    simulate_block(found, 0, 20, 1)
     ready()
     begin = time.perf_counter()
     for first in range(0, 2 * SIDE_BY_SIDE, SIDE_BY_SIDE):
-        fly_block(found, first, first + SIDE_BY_SIDE, 1)
+        simulate_block(found, first, first + SIDE_BY_SIDE, 1)
     return time.perf_counter() - begin
 
 
@@ -180,11 +180,11 @@ def limits(blocks: int) -> None:
     from rb_dynamics.study.campaign.store import Store, read_rows
     from rb_dynamics.study.campaign.summary import summarise
 
-    size, fly_block, fly_there = engine.SIDE_BY_SIDE, engine.fly_block, engine.fly_there
+    size, simulate_block, simulate_on_worker = engine.SIDE_BY_SIDE, engine.simulate_block, engine.simulate_on_worker
     runs = blocks * size
     found = read_campaign(DETUMBLE, {"runs": runs, "sampling": "random"})
-    sample = fly_block(found, 0, 20, 1)
-    flying = seconds(lambda: fly_block(found, 0, size, 1)) / size
+    sample = simulate_block(found, 0, 20, 1)
+    flying = seconds(lambda: simulate_block(found, 0, size, 1)) / size
     names = [name for name in sample if name not in ("run", "seed", "passed", "error")]
 
     def made_up(_: Any, __: str, first: int, last: int) -> dict[str, Any]:
@@ -197,7 +197,7 @@ def limits(blocks: int) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         out, seen = Path(folder, "rows.parquet"), []
-        engine.fly_there = made_up
+        engine.simulate_on_worker = made_up
         try:
             engine.run_campaign(
                 found,
@@ -207,7 +207,7 @@ def limits(blocks: int) -> None:
                 progress=lambda *_: seen.append((time.perf_counter(), time.process_time())),
             )
         finally:
-            engine.fly_there = fly_there
+            engine.simulate_on_worker = simulate_on_worker
         joining = (time.process_time() - seen[-1][1]) / runs
         clock, block = ((last - first) / (len(seen) - 1) for first, last in zip(seen[0], seen[-1], strict=True))
         store, rows = Store(Path(folder, "again.parquet"), found), made_up(None, "", 0, size)
@@ -234,16 +234,16 @@ def limits(blocks: int) -> None:
 
 
 def beside(runs: int, python: str) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, END, 2000)
-        fly_block(found, 0, 2000, 1)
-        ours = seconds(lambda: fly_block(found, 0, 2000, 1)) / 2000
+        simulate_block(found, 0, 2000, 1)
+        ours = seconds(lambda: simulate_block(found, 0, 2000, 1)) / 2000
         print(f"rb_dynamics  {ours * 1e3:9.3f} ms a run, {1.0 / ours:8.0f} runs a second on one core")
-        one = seconds(lambda: fly_block(found, 0, 1, 1))
+        one = seconds(lambda: simulate_block(found, 0, 1, 1))
         print(f"   one run   {one * 1e3:9.3f} ms")
-        rows = fly_block(found, 0, runs, 1)
+        rows = simulate_block(found, 0, runs, 1)
         tasks = {"spins": [rows[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
         tasks["inertias"] = _inertias(found, runs)
         answer = subprocess.run(
@@ -258,25 +258,25 @@ def beside(runs: int, python: str) -> None:
 
 
 def under_effects(runs: int) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
 
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(folder, END, 2000)
-        fly_block(found, 0, runs, 1)
-        without = seconds(lambda: fly_block(found, 0, runs, 1)) / runs
+        simulate_block(found, 0, runs, 1)
+        without = seconds(lambda: simulate_block(found, 0, runs, 1)) / runs
         print(f"no effect        {without * 1e3:9.3f} ms a run", flush=True)
         for effect in ("uniform_gravity, acceleration_world: [0, 0, -9.81]", "linear_drag, rotation: 1.0e-4"):
             Path(folder, "scene.yaml").write_text(f"{SCENE}\neffects:\n  - {{type: {effect}}}\n")
             found = read_campaign(Path(folder, "campaign.yaml"))
-            fly_block(found, 0, runs, 1)
-            under = seconds(lambda found=found: fly_block(found, 0, runs, 1)) / runs
+            simulate_block(found, 0, runs, 1)
+            under = seconds(lambda found=found: simulate_block(found, 0, runs, 1)) / runs
             kind = effect.partition(",")[0]
             print(f"{kind:<16} {under * 1e3:9.3f} ms a run, {under / without:.1f} times as long", flush=True)
 
 
 def by_accuracy(runs: int) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
     from rb_dynamics.study.campaign.scenes import Scenes
 
@@ -284,10 +284,10 @@ def by_accuracy(runs: int) -> None:
     scenes, ratios = Scenes(found), []
     values = {each.name: 1.0 if "second_moment" in each.name else 0.0 for each in found.inputs}
     for _ in range(2):
-        fly_block(found, 0, runs, 1)
+        simulate_block(found, 0, runs, 1)
     for _ in range(5):
-        block = seconds(lambda: fly_block(found, 0, runs, 1), 1) / runs
-        alone = seconds(lambda: [fly_alone(found, run) for run in range(few)], 1) / few
+        block = seconds(lambda: simulate_block(found, 0, runs, 1), 1) / runs
+        alone = seconds(lambda: [simulate_alone(found, run) for run in range(few)], 1) / few
         making = seconds(lambda: [scenes.scene(values) for _ in range(few)], 1) / few
         ratios.append((alone / block, block, alone, making))
     ratio, block, alone, making = sorted(ratios)[2]
@@ -354,14 +354,14 @@ def basilisk(tasks: Any) -> Any:
 
 
 def memory() -> None:
-    from rb_dynamics.study.campaign.block_of_runs import fly_block
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
 
     found = read_campaign(DETUMBLE)
-    fly_block(found, 0, 20, 1)
+    simulate_block(found, 0, 20, 1)
     for runs in (250, 1000, 2000, 4000):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        fly_block(found, 0, runs, 1)
+        simulate_block(found, 0, runs, 1)
         after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(
             f"{runs:6d} runs in a block: peak {after / 1024:7.1f} MiB, {(after - before) / 1024:6.1f} more than before"

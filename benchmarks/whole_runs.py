@@ -61,7 +61,7 @@ def write_inputs(task: Problem, folder: Path) -> None:
     writer = McapWriter(file, "benchmark")
     writer.begin()
     channels = [log_channel(f"/{name}", WRENCH, qos_profile(10)) for name in ("thrusters", "wind")]
-    ids = [writer.add_channel(c.topic, c.encoding, writer.add_schema(*c.schema), c.metadata) for c in channels]
+    ids = [writer.add_channel(channel) for channel in channels]
     for k in range(task.holds):
         time_ns = round(k * task.hold * 1e9)
         in_body = cdr.encode(WRENCH, time_ns, "body", (*task.force_body[k], *task.torque_body[k]))

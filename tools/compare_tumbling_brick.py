@@ -23,11 +23,10 @@ from pathlib import Path
 
 import rb_dynamics as rb
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.channel_metadata import QOS, TYPE_HASH, qos_profile
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import POSE, TWIST
-from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
 from rb_dynamics.numerics.rotation import Quaternion, multiply
 
 SLUG_FT2 = 14.593902937206364 * 0.3048**2  # kg m^2
@@ -99,11 +98,8 @@ def write(target: Path, samples: list[Sample]) -> None:
     with contextlib.closing(LogFile(target)) as file:
         writer = McapWriter(file, "tumbling brick")
         writer.begin()
-        channels = []
-        for topic, kind in (("/brick/pose", POSE), ("/brick/twist", TWIST)):
-            schema = writer.add_schema(kind, "ros2msg", schema_text(kind).encode())
-            metadata = {QOS: qos_profile(10), TYPE_HASH: TYPE_HASHES[kind]}
-            channels.append(writer.add_channel(topic, "cdr", schema, metadata))
+        topics = ("/brick/pose", POSE), ("/brick/twist", TWIST)
+        channels = [writer.add_channel(log_channel(*topic, qos_profile(10))) for topic in topics]
         for time_ns, attitude, rates in samples:
             pose = cdr.encode(POSE, time_ns, "world", (0.0, 0.0, 0.0, *attitude))
             twist = cdr.encode(TWIST, time_ns, "body", (0.0, 0.0, 0.0, *rates))

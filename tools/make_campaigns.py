@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib import style
 from matplotlib.figure import Figure
 
-from rb_dynamics.study.campaign.block_of_runs import fly_alone
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone
 from rb_dynamics.study.campaign.engine import run_campaign
 from rb_dynamics.study.campaign.metrics import quantity
 from rb_dynamics.study.campaign.read import read_campaign
@@ -90,7 +90,7 @@ def spacecraft(figure: Figure) -> None:
     panels = figure.subplots(1, 2)
     for run in range(campaign.runs):
         seen: list[tuple[float, ...]] = []
-        found = fly_alone(
+        found = simulate_alone(
             campaign,
             run,
             watch=lambda samples, seen=seen: seen.append(

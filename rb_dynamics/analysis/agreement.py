@@ -64,7 +64,7 @@ def _other_axes() -> list[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class Reading:
+class TwistReading:
     """An interpretation of a twist: its frame, a factor, and which of its numbers are x, y, z, from 1 on, with sign.
 
     `attitude`, a key of `_QUATERNIONS`, is that of the attitudes beside it.
@@ -75,7 +75,7 @@ class Reading:
     axes: tuple[int, ...] = _AS_IS
     attitude: str = ""
 
-    def words(self, given: Reading) -> str:
+    def words(self, given: TwistReading) -> str:
         """Return the difference from the `given` interpretation, as text."""
         parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
         parts += ["with the opposite sign"] if self.factor < 0.0 else []
@@ -144,12 +144,12 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     if both is None:
         reason = f"{pose.topic} and {twist.topic} are not of the same time"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
-    given = Reading(twist_in_world, 1.0)
-    turns = [Reading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
+    given = TwistReading(twist_in_world, 1.0)
+    turns = [TwistReading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
     # In other axes and of opposite sign is the same as attitudes the other way round, which is what happens.
-    turns.remove(Reading(not given.world, -1.0))
+    turns.remove(TwistReading(not given.world, -1.0))
     turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
-    moves = [Reading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
+    moves = [TwistReading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
     far = float((np.linalg.norm(both.twist[:, 3:], axis=1) > _AROUND).mean()) > 0.5
     if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
         reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"
@@ -164,7 +164,7 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
 
 
 def _with_alignment(
-    found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[Reading]
+    found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[TwistReading]
 ) -> Agreement:
     """Return the agreement with how the twist is aligned, and judged again without that."""
     if found.nothing or found.remedy:
@@ -262,7 +262,7 @@ class _Both:
         return self.turned if of == "attitude" else np.diff(self.pose[:, :3], axis=0)
 
     def taken(self, attitude: str) -> _Both:
-        """Return the same with other attitudes; see `Reading`."""
+        """Return the same with other attitudes; see `TwistReading`."""
         if not attitude:
             return self
         order = np.array(_QUATERNIONS[attitude])
@@ -270,7 +270,7 @@ class _Both:
         pose = np.hstack([self.pose[:, :3], turns])
         return replace(self, pose=pose, turned=rotate_all(turns[:-1], rotation_vectors(turns)))
 
-    def said(self, part: slice, reading: Reading) -> Array:
+    def said(self, part: slice, reading: TwistReading) -> Array:
         """Return the integral of a part of the twist over each interval, world axes."""
         added = reading.factor * self.twist[:, part][:, np.abs(reading.axes) - 1] * np.sign(reading.axes)
         if reading.world:
@@ -280,7 +280,7 @@ class _Both:
         return turned
 
 
-def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
+def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
     gone, part = both.changes(of), slice(3, 6) if of == "attitude" else slice(0, 3)
     least = _LEAST_TURN if of == "attitude" else 1e-9 * float(np.abs(both.pose[:, :3]).max())
@@ -288,7 +288,7 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
     floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
     given, *others = readings
 
-    def compared(reading: Reading) -> _Found | None:
+    def compared(reading: TwistReading) -> _Found | None:
         taken = both.taken(reading.attitude)
         return _windows(taken, taken.changes(of), taken.said(part, reading), floor)
 
@@ -317,7 +317,7 @@ def _judged(of: str, both: _Both, readings: list[Reading]) -> Agreement:
 
 
 def _remedy(
-    given: Reading, others: list[Reading], compared: Callable[[Reading], _Found | None], accepted: float
+    given: TwistReading, others: list[TwistReading], compared: Callable[[TwistReading], _Found | None], accepted: float
 ) -> tuple[str, float]:
     """Return the first of `others` that fits about as well as the best, and what it leaves; "" beyond `accepted`."""
     tried = [(found[0], reading) for reading in others if (found := compared(reading))]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rb_dynamics.analysis.streams import MotionStreams, Stream
+from rb_dynamics.analysis.signals import MotionSignals, Signal
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
@@ -59,7 +59,7 @@ class Alignment:
         return self.rival_s is not None or (self.remaining or 0.0) > _FITS
 
 
-def best_lag(a: MotionStreams, b: MotionStreams) -> Alignment:
+def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
     """Return the alignment at which the two motions differ least.
 
     Raises:
@@ -74,22 +74,22 @@ def best_lag(a: MotionStreams, b: MotionStreams) -> Alignment:
     return min(found, key=lambda lag: (lag.doubtful, lag.uncertainty_s))
 
 
-def misfit(a: MotionStreams, b: MotionStreams, offset_ns: int) -> float | None:
+def misfit(a: MotionSignals, b: MotionSignals, offset_ns: int) -> float | None:
     """Return what an offset leaves, as `remaining`; None if nothing varies."""
     signals = _magnitudes(a, b)
     return _cost(signals, offset_ns) if signals else None
 
 
 @dataclass(frozen=True)
-class _Signal:
+class _SignalPair:
     """One quantity of both, and its usual squared difference if the two are not of the same time."""
 
-    a: Stream
-    b: Stream
+    a: Signal
+    b: Signal
     usual: float
 
 
-def _magnitudes(a: MotionStreams, b: MotionStreams) -> list[_Signal]:
+def _magnitudes(a: MotionSignals, b: MotionSignals) -> list[_SignalPair]:
     return _varying(
         [
             (_size(a.rate or _turning(a.attitude)), _size(b.rate or _turning(b.attitude))),
@@ -98,32 +98,32 @@ def _magnitudes(a: MotionStreams, b: MotionStreams) -> list[_Signal]:
     )
 
 
-def _vectors(a: MotionStreams, b: MotionStreams) -> list[_Signal]:
+def _vectors(a: MotionSignals, b: MotionSignals) -> list[_SignalPair]:
     return _varying([(a.rate or _turning(a.attitude), b.rate or _turning(b.attitude))])
 
 
-def _size(stream: Stream | None) -> Stream | None:
-    return stream and Stream(stream.time_ns, np.linalg.norm(stream.values, axis=1, keepdims=True), stream.broken)
+def _size(signal: Signal | None) -> Signal | None:
+    return signal and Signal(signal.time_ns, np.linalg.norm(signal.values, axis=1, keepdims=True), signal.broken)
 
 
-def _turning(attitude: Stream | None) -> Stream | None:
+def _turning(attitude: Signal | None) -> Signal | None:
     return attitude and _rates(attitude, rotation_vectors(attitude.values))
 
 
-def _moving(position: Stream | None) -> Stream | None:
+def _moving(position: Signal | None) -> Signal | None:
     return position and _rates(position, np.diff(position.values, axis=0))
 
 
-def _rates(stream: Stream, changes: Array) -> Stream | None:
+def _rates(signal: Signal, changes: Array) -> Signal | None:
     """Return changes as mean rates, in the middle of their intervals; none over gaps."""
-    if len(stream.time_ns) < 3:
+    if len(signal.time_ns) < 3:
         return None
-    length, whole = np.diff(stream.time_ns), ~stream.broken
-    middle = stream.time_ns[:-1] + length // 2
-    return Stream.of(middle[whole], (changes / (length[:, None] * 1e-9))[whole])
+    length, whole = np.diff(signal.time_ns), ~signal.broken
+    middle = signal.time_ns[:-1] + length // 2
+    return Signal.of(middle[whole], (changes / (length[:, None] * 1e-9))[whole])
 
 
-def _varying(pairs: list[tuple[Stream | None, Stream | None]]) -> list[_Signal]:
+def _varying(pairs: list[tuple[Signal | None, Signal | None]]) -> list[_SignalPair]:
     signals = []
     for one, other in pairs:
         if one is None or other is None or len(one.time_ns) < 4 or len(other.time_ns) < 4:
@@ -131,11 +131,11 @@ def _varying(pairs: list[tuple[Stream | None, Stream | None]]) -> list[_Signal]:
         both = np.concatenate([one.values, other.values])
         usual = float(np.sum(one.values.var(axis=0) + other.values.var(axis=0)))
         if min(one.values.std(axis=0).max(), other.values.std(axis=0).max()) > _FLAT * np.abs(both).max():
-            signals.append(_Signal(one, other, usual))
+            signals.append(_SignalPair(one, other, usual))
     return signals
 
 
-def _lag(signals: list[_Signal]) -> Alignment | None:
+def _lag(signals: list[_SignalPair]) -> Alignment | None:
     step_ns, lags, costs = _search(signals)
     if not np.isfinite(costs).any():
         return None
@@ -159,7 +159,7 @@ def _lag(signals: list[_Signal]) -> Alignment | None:
     return Alignment("lag", offset_ns, _uncertainty(signals, valley, step_ns), rival, min(1.0, least / usual))
 
 
-def _search(signals: list[_Signal]) -> tuple[int, Times, Array]:
+def _search(signals: list[_SignalPair]) -> tuple[int, Times, Array]:
     """Return the step of a grid of lags, the lags (ns) and what each leaves; NaN where too little overlaps.
 
     The sums of squares of all lags are correlations of the values with the masks of what is known.
@@ -168,7 +168,7 @@ def _search(signals: list[_Signal]) -> tuple[int, Times, Array]:
 
     both = [[each.a for each in signals], [each.b for each in signals]]
     spans = [(min(int(s.time_ns[0]) for s in one), max(int(s.time_ns[-1]) for s in one)) for one in both]
-    usual_ns = max(float(np.median(np.diff(stream.time_ns))) for one in both for stream in one)
+    usual_ns = max(float(np.median(np.diff(signal.time_ns))) for one in both for signal in one)
     step_ns = max(1, round(max(0.5 * usual_ns, max(end - begin for begin, end in spans) / _GRID)))
     grid_a, grid_b = (np.arange(begin, end + 1, step_ns) for begin, end in spans)
     lags = spans[1][0] - spans[0][0] + step_ns * np.arange(1 - len(grid_a), len(grid_b))
@@ -188,7 +188,7 @@ def _search(signals: list[_Signal]) -> tuple[int, Times, Array]:
     return step_ns, lags, costs
 
 
-def _cost(signals: list[_Signal], offset_ns: int) -> float | None:
+def _cost(signals: list[_SignalPair], offset_ns: int) -> float | None:
     """Return what an offset leaves: mean squared difference relative to the usual one, summed over the signals."""
     costs = []
     for each in signals:
@@ -207,7 +207,7 @@ class _Valley(NamedTuple):
     uncertainty_s: float
 
 
-def _refined(signals: list[_Signal], offset_ns: int, step_ns: int) -> _Valley:
+def _refined(signals: list[_SignalPair], offset_ns: int, step_ns: int) -> _Valley:
     """Return the offset about `offset_ns` at which what remains goes with the slopes no more.
 
     Not the lowest point of what offsets leave: between two samples interpolation averages their noise, so that it is
@@ -224,7 +224,7 @@ def _refined(signals: list[_Signal], offset_ns: int, step_ns: int) -> _Valley:
     return _Valley(chosen, _within(signals, chosen, step_ns, reach_ns))
 
 
-def _balanced(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> _Valley:
+def _balanced(signals: list[_SignalPair], offset_ns: int, step_ns: int, reach_ns: int) -> _Valley:
     """Return the offset found by Newton's method, with slopes over `reach_ns` as weights."""
     near = _AROUND * step_ns
     at = offset_ns
@@ -239,7 +239,7 @@ def _balanced(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: in
     return _Valley(at, _within(signals, at, step_ns, reach_ns))
 
 
-def _within(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> float:
+def _within(signals: list[_SignalPair], offset_ns: int, step_ns: int, reach_ns: int) -> float:
     """Return how far (s) from an offset the others lie that noise of independent samples excludes; infinite for none.
 
     An offset is excluded if the sum of its scores is beyond two standard deviations, the root of the sum of their
@@ -265,7 +265,7 @@ def _deviations(scores: Array, slope: float) -> float:
     return 2.0 * float(np.sqrt(np.sum(scores**2))) / slope if slope > 0.0 else np.inf
 
 
-def _scores(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int) -> tuple[Array, float]:
+def _scores(signals: list[_SignalPair], offset_ns: int, step_ns: int, reach_ns: int) -> tuple[Array, float]:
     """Return for each sample what remains at an offset times the slopes over `reach_ns`, and the slope of their sum.
 
     No factor shares a sample with the other, nor do those of the slope of the sum, so that noise does not add up in
@@ -280,9 +280,9 @@ def _scores(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int)
         (a, known), (b, here) = each.a.at(times), moved.at(times)
         known &= here
         slopes = []
-        for stream in (each.a, moved):
+        for signal in (each.a, moved):
             for by_ns in (reach_ns, _AROUND * step_ns):
-                (before, one), (after, other) = stream.at(times - by_ns), stream.at(times + by_ns)
+                (before, one), (after, other) = signal.at(times - by_ns), signal.at(times + by_ns)
                 known &= one & other
                 slopes.append((after - before) / (2e-9 * by_ns))
         weight_a, slope_a, weight_b, slope_b = (slope[known] for slope in slopes)
@@ -291,7 +291,7 @@ def _scores(signals: list[_Signal], offset_ns: int, step_ns: int, reach_ns: int)
     return np.concatenate(parts), total
 
 
-def _coinciding(signals: list[_Signal], offset_ns: int) -> int:
+def _coinciding(signals: list[_SignalPair], offset_ns: int) -> int:
     """Return the offset next to `offset_ns` at which the first stamp of B is one of A."""
     a, b = signals[0].a.time_ns, signals[0].b.time_ns
     first = int(b[0]) - offset_ns
@@ -299,7 +299,7 @@ def _coinciding(signals: list[_Signal], offset_ns: int) -> int:
     return int(b[0]) - min((int(a[at - 1]), int(a[at])), key=lambda time: abs(time - first))
 
 
-def _uncertainty(signals: list[_Signal], valley: _Valley, step_ns: int) -> float:
+def _uncertainty(signals: list[_SignalPair], valley: _Valley, step_ns: int) -> float:
     """Return how far the lag may be off, s: as the noise says, or half of what the halves alone differ."""
     halves = [_refined(half, valley.offset_ns, step_ns) for half in _halves(signals, valley.offset_ns)]
     told = len(halves) == 2 and all(np.isfinite(half.uncertainty_s) for half in halves)
@@ -308,12 +308,12 @@ def _uncertainty(signals: list[_Signal], valley: _Valley, step_ns: int) -> float
     return max(valley.uncertainty_s, apart, 1e-9)
 
 
-def _halves(signals: list[_Signal], offset_ns: int) -> list[list[_Signal]]:
+def _halves(signals: list[_SignalPair], offset_ns: int) -> list[list[_SignalPair]]:
     begin = max(int(max(each.a.time_ns[0], each.b.time_ns[0] - offset_ns)) for each in signals)
     end = min(int(min(each.a.time_ns[-1], each.b.time_ns[-1] - offset_ns)) for each in signals)
     middle = (begin + end) // 2
     cut = [
-        [_Signal(each.a.within(first, last), each.b, each.usual) for each in signals]
+        [_SignalPair(each.a.within(first, last), each.b, each.usual) for each in signals]
         for first, last in ((begin, middle), (middle, end))
     ]
     return [half for half in cut if all(len(each.a.time_ns) > 8 for each in half)]

@@ -17,7 +17,7 @@ import numpy as np
 
 from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.streams import MotionStreams, Stream, differences
+from rb_dynamics.analysis.signals import MotionSignals, Signal, differences
 from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
@@ -72,7 +72,7 @@ class Difference:
     first_ns: int | None
     interpolated: int
     interpolation: float
-    recorded: tuple[Stream, Stream]
+    recorded: tuple[Signal, Signal]
 
     @property
     def max(self) -> float:
@@ -235,7 +235,7 @@ def _finite(number: float | None) -> float | None:
     return number if number is not None and math.isfinite(number) else None
 
 
-def differences_of_motion(a: MotionStreams, b: MotionStreams) -> dict[str, Difference]:
+def differences_of_motion(a: MotionSignals, b: MotionSignals) -> dict[str, Difference]:
     """Return the differences of two motions of one clock, by name; velocities in world axes if both are known there."""
     velocity = ("world", a.velocity_world, b.velocity_world)
     if a.velocity_world is None or b.velocity_world is None:
@@ -250,12 +250,12 @@ def differences_of_motion(a: MotionStreams, b: MotionStreams) -> dict[str, Diffe
     return {name: each for name, each in found.items() if each is not None}
 
 
-def difference(name: str, axes: str, a: Stream | None, b: Stream | None) -> Difference | None:
-    """Return how two streams of one clock differ; None if one is missing or they share no time."""
+def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Difference | None:
+    """Return how two signals of one clock differ; None if one is missing or they share no time."""
     if a is None or b is None or not len(a.time_ns) or not len(b.time_ns):
         return None
     begin, end = max(a.time_ns[0], b.time_ns[0]), min(a.time_ns[-1], b.time_ns[-1])
-    within = [stream.time_ns[(stream.time_ns >= begin) & (stream.time_ns <= end)] for stream in (a, b)]
+    within = [signal.time_ns[(signal.time_ns >= begin) & (signal.time_ns <= end)] for signal in (a, b)]
     # The same choice whichever of the two comes first.
     a_coarse = (len(within[0]), within[0].tolist()) <= (len(within[1]), within[1].tolist())
     coarse, fine = (within[0], b) if a_coarse else (within[1], a)
@@ -316,7 +316,7 @@ def compare_tracks(
     Raises:
         LogError: there is nothing to compare at any time.
     """
-    one, other = MotionStreams.of(a.track), MotionStreams.of(b.track).later(-alignment.offset_ns)
+    one, other = MotionSignals.of(a.track), MotionSignals.of(b.track).later(-alignment.offset_ns)
     zero_ns, clock = _clock(a, b, alignment, one)
     begin_ns = -math.inf if window_s[0] is None else zero_ns + round(window_s[0] * 1e9)
     end_ns = math.inf if window_s[1] is None else zero_ns + round(window_s[1] * 1e9)
@@ -354,7 +354,7 @@ def compare_tracks(
     )
 
 
-def _clock(a: Given, b: Given, alignment: Alignment, one: MotionStreams) -> tuple[int, str]:
+def _clock(a: Given, b: Given, alignment: Alignment, one: MotionSignals) -> tuple[int, str]:
     """Return A's time from which the output counts, and what that is."""
     if a.track.own:
         return 0, "simulation time of A"
@@ -364,7 +364,7 @@ def _clock(a: Given, b: Given, alignment: Alignment, one: MotionStreams) -> tupl
     return start, f"time since the start of the motion in A, which is stamped {start // 10**9}.{start % 10**9:09d} s"
 
 
-def _span_s(motion: MotionStreams, zero_ns: int) -> tuple[float, float]:
+def _span_s(motion: MotionSignals, zero_ns: int) -> tuple[float, float]:
     first, last = motion.span_ns
     return (first - zero_ns) / 1e9, (last - zero_ns) / 1e9
 
@@ -372,8 +372,8 @@ def _span_s(motion: MotionStreams, zero_ns: int) -> tuple[float, float]:
 def _nothing(
     a: Given,
     b: Given,
-    one: MotionStreams,
-    other: MotionStreams,
+    one: MotionSignals,
+    other: MotionSignals,
     zero_ns: int,
     window_s: tuple[float | None, float | None],
 ) -> str:
@@ -390,20 +390,20 @@ def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[floa
     one, other = getattr(a, name), getattr(b, name)
     if one is None or other is None:
         return None
-    streams = [
-        Stream.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.bag.missing)
+    signals = [
+        Signal.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.bag.missing)
         for series, track in ((one, a), (other, b))
     ]
     axes = "" if name == "kinetic_energy" else "world"
-    return difference(name, axes, streams[0].within(*window_ns), streams[1].later(-offset_ns).within(*window_ns))
+    return difference(name, axes, signals[0].within(*window_ns), signals[1].later(-offset_ns).within(*window_ns))
 
 
 def _left_out(
     found: Mapping[str, Difference],
-    one: MotionStreams,
-    other: MotionStreams,
-    whole_one: MotionStreams,
-    whole_other: MotionStreams,
+    one: MotionSignals,
+    other: MotionSignals,
+    whole_one: MotionSignals,
+    whole_other: MotionSignals,
     span: tuple[int, int],
     zero_ns: int,
 ) -> tuple[float, list[str]]:
@@ -416,7 +416,7 @@ def _left_out(
         ("linear velocity", (one.velocity_body or one.velocity_world, other.velocity_body or other.velocity_world)),
     ):
         if name.replace(" ", "_") not in found:
-            lacking = [side for side, stream in (("A", in_a), ("B", in_b)) if stream is None]
+            lacking = [side for side, signal in (("A", in_a), ("B", in_b)) if signal is None]
             why = (
                 f"{' and '.join(lacking)} {'do' if lacking[1:] else 'does'} not tell"
                 if lacking
@@ -425,7 +425,7 @@ def _left_out(
             told.append(f"{name}: {why}")
     holes: list[tuple[int, int]] = []
     for side, motion in (("A", one), ("B", other)):
-        mine = sorted({hole for stream in vars(motion).values() if stream is not None for hole in stream.holes()})
+        mine = sorted({hole for signal in vars(motion).values() if signal is not None for hole in signal.holes()})
         mine = [(max(begin, span[0]), min(end, span[1])) for begin, end in mine]
         mine = [(begin, end) for begin, end in mine if begin < end]
         if mine:

@@ -131,19 +131,19 @@ def _differences(bag_file: Path, player: WrenchPlayer) -> dict[str, Difference]:
 
     from rb_dynamics.analysis.comparison import differences_of_motion
     from rb_dynamics.analysis.read_track import read_track
-    from rb_dynamics.analysis.streams import MotionStreams, Stream
+    from rb_dynamics.analysis.signals import MotionSignals, Signal
     from rb_dynamics.errors import LogError
     from rb_dynamics.logs.bag_reader import read_bag
 
-    recorded = MotionStreams.of(read_track(read_bag(bag_file)))
+    recorded = MotionSignals.of(read_track(read_bag(bag_file)))
     (position, attitude), (velocity, rate) = (
         [
-            Stream.of(np.array(sorted(told), dtype=np.int64), np.array([told[at][part] for at in sorted(told)]))
+            Signal.of(np.array(sorted(told), dtype=np.int64), np.array([told[at][part] for at in sorted(told)]))
             for part in (0, 1)
         ]
         for told in (player.poses, player.twists)
     )
-    received = MotionStreams(attitude, position, rate, velocity_body=velocity)
+    received = MotionSignals(attitude, position, rate, velocity_body=velocity)
     begin_ns, end_ns = recorded.span_ns
     compared = recorded.within(begin_ns + 1, end_ns)
     found = differences_of_motion(compared, received)

@@ -20,10 +20,10 @@ from rb_dynamics.errors import LogError, MissingExtraError, SceneError
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 from rb_dynamics.formats.mcap_records import (
     MAX_RECORD_BYTES,
-    Block,
     McapChannel,
     McapFile,
     Message,
+    MessageBlock,
     OnFact,
     Schema,
     in_blocks,
@@ -61,7 +61,7 @@ class Source(Protocol):
     def messages(self) -> Iterator[Message]:
         """Yield every message in the order of the bag."""
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """Yield every message in blocks of one channel, those of each channel in the order of the bag."""
 
 
@@ -132,7 +132,7 @@ class SplitBag:
         else:
             yield from self._read(lambda file: file.messages())
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """Yield every message of every file, in blocks of one channel.
 
         Raises:
@@ -263,7 +263,7 @@ class DatabaseFile:
             raise _unreadable(self.path, error) from error
         self.complete = True
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """Yield every message, in blocks of one channel.
 
         Raises:
@@ -273,7 +273,7 @@ class DatabaseFile:
 
 
 _File: TypeAlias = McapFile | DatabaseFile
-_Read = TypeVar("_Read", Message, Block)
+_Read = TypeVar("_Read", Message, MessageBlock)
 
 
 def _schema(connection: Any) -> Schema:

@@ -86,7 +86,7 @@ _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time",
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
 
 Places: TypeAlias = NDArray[np.int64]
-_Read = TypeVar("_Read", "Message", "Block")
+_Read = TypeVar("_Read", "Message", "MessageBlock")
 
 
 class Schema(NamedTuple):
@@ -121,7 +121,7 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Block(NamedTuple):
+class MessageBlock(NamedTuple):
     """Messages of one channel, in the order of the file.
 
     Attributes:
@@ -154,7 +154,7 @@ class Block(NamedTuple):
         return [self.data[None, begin:end] for begin, end in zip(self.begins, self.ends, strict=True)]
 
 
-def in_blocks(messages: Iterable[Message]) -> Iterator[Block]:
+def in_blocks(messages: Iterable[Message]) -> Iterator[MessageBlock]:
     """Yield messages in blocks, those of each channel in their order; those before a damage come before its error."""
     waiting: dict[int, list[Message]] = {}
     count = size = 0
@@ -173,11 +173,11 @@ def in_blocks(messages: Iterable[Message]) -> Iterator[Block]:
         raise damage
 
 
-def _block(messages: list[Message]) -> Block:
+def _block(messages: list[Message]) -> MessageBlock:
     data = np.frombuffer(b"".join(message.data for message in messages), np.uint8)
     ends = np.cumsum([len(message.data) for message in messages])
     log_times = np.array([message.log_time for message in messages], np.int64)
-    return Block(messages[0].channel, log_times, data, np.append(0, ends[:-1]), ends)
+    return MessageBlock(messages[0].channel, log_times, data, np.append(0, ends[:-1]), ends)
 
 
 Fact: TypeAlias = "dict[str, str] | bytes | McapChannel"
@@ -230,7 +230,7 @@ class McapFile:
         """
         yield from self._read(self._one_by_one, 1)
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """Yield every message, in blocks of one channel; several times as fast as `messages`.
 
         Raises:
@@ -335,7 +335,7 @@ class McapFile:
             if message is not None:
                 yield message
 
-    def _by_channel(self, data: bytes, begins: Places, ends: Places) -> Iterator[Block]:
+    def _by_channel(self, data: bytes, begins: Places, ends: Places) -> Iterator[MessageBlock]:
         """Yield blocks, in the order in which the channels come."""
         raw, contents = np.frombuffer(data, np.uint8), begins + _MESSAGE_HEAD.size
         if (contents <= ends).all():
@@ -349,7 +349,7 @@ class McapFile:
                     at = np.flatnonzero(channels == number)
                     own_times = log_times[at]
                     times = times if np.array_equal(times, own_times) else own_times
-                    yield Block(self.channels[number], times, raw, contents[at], ends[at])
+                    yield MessageBlock(self.channels[number], times, raw, contents[at], ends[at])
                 return
         # What is wrong shows where it stands.
         yield from in_blocks(self._one_by_one(data, begins, ends))

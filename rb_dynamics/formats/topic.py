@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_records import Block
+from rb_dynamics.formats.mcap_records import MessageBlock
 from rb_dynamics.formats.message_types import (
     ACCELERATION,
     DIAGNOSTICS,
@@ -105,7 +105,7 @@ class Topic:
         # First row, and the strings of a message, from where they change on.
         self._texts: list[tuple[int, tuple[str, ...]]] = []
 
-    def take(self, block: Block) -> None:
+    def take(self, block: MessageBlock) -> None:
         """Add messages."""
         self._times.append(block.log_times)
         self.count += len(block.log_times)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_records import Block, McapChannel, Schema
+from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock, Schema
 from rb_dynamics.formats.message_types import TRANSFORM
 
 _NUMBERS = 56
@@ -26,12 +26,12 @@ class Transforms(NamedTuple):
         error: what is wrong with one of them; None if `damaged` is empty.
     """
 
-    blocks: list[Block]
+    blocks: list[MessageBlock]
     damaged: list[int]
     error: LogError | None
 
 
-def transforms(block: Block) -> Transforms:
+def transforms(block: MessageBlock) -> Transforms:
     """Return the transforms in a block of TFMessage.
 
     Messages of one publisher mostly differ in stamps and numbers alone, and are taken together.
@@ -73,10 +73,10 @@ def _messages(raw: NDArray[np.uint8], stamp_at: int, frame: str, child: str, at:
     return np.concatenate(parts, axis=1)
 
 
-def _block(block: Block, frame: str, child: str, parts: list[_Rows]) -> Block:
+def _block(block: MessageBlock, frame: str, child: str, parts: list[_Rows]) -> MessageBlock:
     rows, messages = (np.concatenate(each) for each in zip(*parts, strict=True))
     order = np.argsort(rows, kind="stable")
     messages = messages[order]
     ends = messages.shape[1] * np.arange(1, len(messages) + 1)
     channel = McapChannel(f"{block.channel.topic} {frame}:{child}", Schema(TRANSFORM), "cdr", block.channel.metadata)
-    return Block(channel, block.log_times[rows[order]], messages.ravel(), ends - messages.shape[1], ends)
+    return MessageBlock(channel, block.log_times[rows[order]], messages.ravel(), ends - messages.shape[1], ends)

@@ -115,7 +115,7 @@ def has_effects(c: Numbers) -> bool:
     return bool(c[len(c) - 1] != 0.0)
 
 
-def outlook(c: Numbers, here: Point) -> tuple[float, float]:
+def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
     """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`."""
     count = int(c[len(c) - 1])
     slowing, sight = 0.0, math.inf

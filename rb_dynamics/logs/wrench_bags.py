@@ -22,7 +22,7 @@ from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, next_file
-from rb_dynamics.formats.mcap_records import Block, McapChannel
+from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic import Times, Topic
 from rb_dynamics.loads.actuator import Setpoint
@@ -440,7 +440,7 @@ class _Batch(NamedTuple):
 class _Commands(NamedTuple):
     """The commands of a block; `stamps` is None where they have no header."""
 
-    block: Block
+    block: MessageBlock
     wrench: NDArray[np.float64]
     frame_ids: Sequence[str]
     frame: NDArray[np.int64]
@@ -463,7 +463,7 @@ class _Commands(NamedTuple):
 
 
 def _batch(
-    source: Source, bag: _Recording, block: Block, kind: str, channel: int, place: tuple[int, int] = (0, 0)
+    source: Source, bag: _Recording, block: MessageBlock, kind: str, channel: int, place: tuple[int, int] = (0, 0)
 ) -> _Batch:
     """Return the commands in a block of messages.
 
@@ -490,7 +490,7 @@ def _batch(
     return _Batch(stamps, topic.log_times, commands)
 
 
-def _require_whole(source: Source, block: Block, kind: str) -> None:
+def _require_whole(source: Source, block: MessageBlock, kind: str) -> None:
     """Name the first message of a block that is damaged.
 
     Raises:

@@ -10,7 +10,7 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.loads.compiled_load import outlook, strength
+from rb_dynamics.loads.compiled_load import load_scales, strength
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import (
@@ -119,7 +119,7 @@ def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -
 def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """Do what `AccuracyControl.stride` does under the load of effects."""
     inertia, _, effects = constants
-    slowing, sight = outlook(effects, _here(inertia, phase))
+    slowing, sight = load_scales(effects, _here(inertia, phase))
     g, known = goal, learnt
     goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
     step = min(known.step, max(sight, 1.0 / NANOSECONDS))

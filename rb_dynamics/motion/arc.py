@@ -30,7 +30,7 @@ LoadFrom = Callable[[PhaseState], Load]
 OfPhase = Callable[[PhaseState], float]
 
 
-class Outlook(NamedTuple):
+class LoadScales(NamedTuple):
     """What effects tell about the load ahead; a field is None if they tell nothing.
 
     Attributes:
@@ -51,7 +51,7 @@ class Outlook(NamedTuple):
 Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
 """Return method and control for the motion after a phase; both controls use the same unit of time."""
 
-_NO_OUTLOOK = Outlook()
+_NO_SCALES = LoadScales()
 
 _EPSILON = 2.0**-52
 
@@ -79,16 +79,16 @@ class Arc:
         phase: PhaseState,
         load_from: LoadFrom | None = None,
         choose_again: Choose | None = None,
-        outlook: Outlook = _NO_OUTLOOK,
+        scales: LoadScales = _NO_SCALES,
     ) -> None:
         """Start in `phase` at `start_ns`.
 
-        `load_from` gives the load in addition to `held`, if there is one, and `outlook` what is known of it ahead;
+        `load_from` gives the load in addition to `held`, if there is one, and `scales` what is known of it ahead;
         `choose_again` selects another method, after `_CHOOSE_AGAIN` strides and whenever their number has doubled, so
         that a transient does not decide for the whole arc.
         """
         self.methods = [method.name]
-        self._what_acts = inertia, held, load_from, outlook
+        self._what_acts = inertia, held, load_from, scales
         self._use(method, control)
         if isinstance(control, AccuracyControl):
             control.start()
@@ -111,7 +111,7 @@ class Arc:
         return Stepper(method, *self._what_acts)
 
     @property
-    def load(self) -> tuple[LoadFrom | None, Outlook]:
+    def load(self) -> tuple[LoadFrom | None, LoadScales]:
         """What acts in addition to the held wrench."""
         return self._what_acts[2], self._what_acts[3]
 
@@ -277,12 +277,12 @@ class Stepper:
         inertia: Inertia,
         held: HeldWrench,
         load_from: LoadFrom | None,
-        outlook: Outlook = _NO_OUTLOOK,
+        scales: LoadScales = _NO_SCALES,
     ) -> None:
-        self._outlook = outlook
+        self._scales = scales
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
-        self._effects = () if load_from is None else outlook.numbers
-        self._compiles = load_from is None or bool(outlook.numbers)
+        self._effects = () if load_from is None else scales.numbers
+        self._compiles = load_from is None or bool(scales.numbers)
         self._kernel = kernel(method, effects=bool(self._effects)) if self._compiles else None
 
     def __call__(self, phase: PhaseState, h: float) -> PhaseState:
@@ -359,21 +359,21 @@ class Stepper:
 
     def slowing(self, phase: PhaseState) -> float:
         """Return the rate (1/s) at which drag makes differences of speed decay in `phase`; 0 without drag."""
-        return 0.0 if self._outlook.slowing is None else self._outlook.slowing(phase)
+        return 0.0 if self._scales.slowing is None else self._scales.slowing(phase)
 
     def sight(self, phase: PhaseState) -> float:
         """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
-        return math.inf if self._outlook.sight is None else self._outlook.sight(phase)
+        return math.inf if self._scales.sight is None else self._scales.sight(phase)
 
     @property
     def settled(self) -> float:
         """When (s of the run) what acts gradually is over: until then steps may be short; infinite if nothing does."""
-        return self._outlook.settled
+        return self._scales.settled
 
     def strength(self, phase: PhaseState) -> float:
         """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""
         held = norm(self._held.force_world) + norm(self._held.force_body)
-        return held if self._outlook.strength is None else held + self._outlook.strength(phase)
+        return held if self._scales.strength is None else held + self._scales.strength(phase)
 
     def steady(self, phase: PhaseState, longest: float) -> float:
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`.

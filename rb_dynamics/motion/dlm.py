@@ -11,7 +11,7 @@ from collections.abc import Callable
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.composition import KAHAN_LI6, SUZUKI4
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, Step
-from rb_dynamics.motion.splitting import Stages, Start, Way, advance, arrived, begin, kick_and_free, kick_free_kick
+from rb_dynamics.motion.splitting import Stages, StepStart, Way, advance, arrived, begin, kick_and_free, kick_free_kick
 from rb_dynamics.numerics.rotation import Quaternion, multiply
 from rb_dynamics.numerics.sincos import sincos
 from rb_dynamics.numerics.vector import Vector, divide, norm, scale
@@ -114,7 +114,7 @@ DLM4 = _method("dlm4", 4, _STAGES["dlm4"], "composed after Suzuki, Phys. Lett. A
 DLM6 = _method("dlm6", 6, _STAGES["dlm6"], "composed after Kahan & Li, Math. Comp. 66 (1997) 1089")
 
 
-_Run = Callable[[Start, float, Way], Way]
+_Run = Callable[[StepStart, float, Way], Way]
 
 
 def _lane_step(name: str) -> Step:
@@ -140,12 +140,12 @@ def _lane_step(name: str) -> Step:
     return step
 
 
-def _nothing(_start: Start, _h: float, way: Way) -> Way:
+def _nothing(_start: StepStart, _h: float, way: Way) -> Way:
     return way
 
 
 def _then(before: _Run, name: str, stage: tuple[float, float]) -> _Run:
-    def run(start: Start, h: float, way: Way) -> Way:
+    def run(start: StepStart, h: float, way: Way) -> Way:
         return kick_and_free(name, flow, stage, start, h, before(start, h, way), None)
 
     return run

@@ -14,7 +14,7 @@ from rb_dynamics.motion.explicit_runge_kutta import (
     step_constants,
     total,
 )
-from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, Tableau, Weights
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, SparseTableau, Weights
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
@@ -200,7 +200,7 @@ def _of(row: tuple[float, ...], *stages: int) -> Weights:
 
 
 _WEIGHTED = (0, *range(5, 12))
-_TABLEAU = Tableau(
+_TABLEAU = SparseTableau(
     (
         (),
         _of(_ROW_2, 0),

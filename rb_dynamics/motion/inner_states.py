@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
-from rb_dynamics.motion.method import Load, Tableau, Weights
+from rb_dynamics.motion.method import Load, SparseTableau, Weights
 from rb_dynamics.motion.phase_state import PhaseState, Sums
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled
@@ -43,7 +43,7 @@ class StatefulLoad(Protocol):
 class StagedLoad:
     """A stateful load in one step: a `Load` that a method evaluates stage by stage, in the order of its tableau."""
 
-    def __init__(self, load: StatefulLoad, h: float, tableau: Tableau) -> None:
+    def __init__(self, load: StatefulLoad, h: float, tableau: SparseTableau) -> None:
         """Begin a step of h s."""
         self._load, self._h, self._tableau = load, h, tableau
         self._rates: list[Sums] = []
@@ -81,7 +81,7 @@ class StagedLoad:
         return tuple([self._h * total for total in totals])
 
 
-def staged(load: Load, h: float, tableau: Tableau) -> Load:
+def staged(load: Load, h: float, tableau: SparseTableau) -> Load:
     """Return `load` for a step of h s: itself where it has no states."""
     return StagedLoad(load, h, tableau) if isinstance(load, StatefulLoad) else load
 

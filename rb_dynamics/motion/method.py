@@ -47,7 +47,7 @@ Weights = tuple[tuple[int, float], ...]
 """Weights of stages, by their number from 0."""
 
 
-class Tableau(NamedTuple):
+class SparseTableau(NamedTuple):
     """An explicit Runge-Kutta method: one row of weights for each stage, those of the result, and of its two errors."""
 
     rows: tuple[Weights, ...]
@@ -132,7 +132,7 @@ class Method:
     takes: LoadDependence = LoadDependence.HELD
     pair: Pair | None = None
     compiles: bool = False
-    tableau: Tableau | None = None
+    tableau: SparseTableau | None = None
     compiles_loads: bool = True
 
 

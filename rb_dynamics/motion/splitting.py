@@ -61,8 +61,8 @@ def free_kick_free(free: tuple[float, ...], kicks: tuple[float, ...]) -> Stages:
     return ((0.0, free[0]), *zip(kicks, free[1:], strict=True))
 
 
-class Start(NamedTuple):
-    """Start of a step; `*_0` in the axes of R0, in which everything is computed."""
+class StepStart(NamedTuple):
+    """StepStart of a step; `*_0` in the axes of R0, in which everything is computed."""
 
     inertia: Inertia
     held: HeldWrench
@@ -132,9 +132,9 @@ def advance(
 
 def begin(
     inertia: Inertia, held: HeldWrench, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
-) -> tuple[Start, Way]:
+) -> tuple[StepStart, Way]:
     """Return the start of a step, and the state before its first stage."""
-    start = Start(
+    start = StepStart(
         inertia,
         held,
         velocity,
@@ -147,7 +147,7 @@ def begin(
 
 
 def kick_and_free(
-    name: str, flow: Flow, stage: tuple[float, float], start: Start, h: float, way: Way, load: Load | None
+    name: str, flow: Flow, stage: tuple[float, float], start: StepStart, h: float, way: Way, load: Load | None
 ) -> Way:
     """Return the state after the kick and the free motion of one stage; see `advance`."""
     (mass, moments), held, velocity, orientation, velocity_0, force_0, torque_0 = start
@@ -186,7 +186,7 @@ def kick_and_free(
     return Way(turn, omega, pushed, moved, twisted, kicked, work, elapsed, moment)
 
 
-def arrived(name: str, start: Start, h: float, way: Way, load: Load | None) -> Increment:
+def arrived(name: str, start: StepStart, h: float, way: Way, load: Load | None) -> Increment:
     """Return the increment of the step, after its last stage."""
     mass, held, orientation = start.inertia.mass, start.held, start.orientation
     displacement = add_scaled(rotate(orientation, scale(1.0 / mass, way.moved)), 0.5 * h * h / mass, held.force_world)

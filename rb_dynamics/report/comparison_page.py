@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference
-from rb_dynamics.analysis.streams import Stream
+from rb_dynamics.analysis.signals import Signal
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
@@ -107,7 +107,7 @@ def _shown(each: Difference) -> tuple[Array, Array]:
     order = np.argsort(times, kind="stable")
     signed = plots.continuous(np.concatenate([first.values, second.values[alone]])[order])
 
-    def next_to_it(side: Stream) -> Array:
+    def next_to_it(side: Signal) -> Array:
         near = signed[np.minimum(times[order].searchsorted(side.time_ns), len(signed) - 1)]
         same: Array = side.values * np.where(np.sum(near * side.values, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
         return same

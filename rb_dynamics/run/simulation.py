@@ -38,8 +38,8 @@ from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
-from rb_dynamics.run.block import Block
 from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
+from rb_dynamics.run.event_block import EventBlock
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.provenance import run_metadata
@@ -260,8 +260,8 @@ class Simulation:
     @property
     def _goes_edge_by_edge(self) -> bool:
         """Whether something acts or listens that kernels do not know."""
-        load_from, outlook = self._arc.load
-        acts = self._bank is not None or (load_from is not None and not outlook.numbers)
+        load_from, scales = self._arc.load
+        acts = self._bank is not None or (load_from is not None and not scales.numbers)
         return bool(acts or self._moves or self._sensing is not None)
 
     @property
@@ -549,7 +549,9 @@ class Simulation:
             self._channels.skip(self.time_ns)
             return
         rows = np.ascontiguousarray(propagated.looks[: len(looks)].T)
-        block = Block.of(self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns))
+        block = EventBlock.of(
+            self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns)
+        )
         self._inputs.update_all(block.changes)
         if self._finished:
             return

@@ -12,7 +12,7 @@ from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
-from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase, Outlook, Stepper
+from rb_dynamics.motion.arc import Arc, LoadFrom, LoadScales, OfPhase, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
@@ -68,7 +68,7 @@ class Plan:
             None if part is None else _of_phase(part, body)
             for part in (effects.slowing(), effects.sight(), effects.strength())
         )
-        self._outlook = Outlook(slowing, sight, strength)
+        self._scales = LoadScales(slowing, sight, strength)
         self.takes = scene.combined_effects.takes
         self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
         if self._method is not None and self._method.takes < self.takes:
@@ -106,13 +106,13 @@ class Plan:
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
-        outlook = self._outlook._replace(numbers=numbers or ())
+        scales = self._scales._replace(numbers=numbers or ())
         if gradually is not None:
             settled, sight = gradually
-            outlook = outlook._replace(settled=settled, sight=_nearer(self._outlook.sight, sight))
+            scales = scales._replace(settled=settled, sight=_nearer(self._scales.sight, sight))
 
         def stepper(method: Method) -> Stepper:
-            return Stepper(method, self._inertia, held, load_from, outlook)
+            return Stepper(method, self._inertia, held, load_from, scales)
 
         # Several commands may come at the same time, each with an arc that time never enters.
         if start_ns > self._from_ns:
@@ -120,15 +120,15 @@ class Plan:
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, gradually is not None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, outlook)
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales)
 
     def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         """Go from edge to edge by the propagation kernel; None if it does not take that, or is not worth compiling.
 
         Returns the arc that has been reached, and how far it has come.
         """
-        load_from, outlook = arc.load
-        if outlook.numbers:
+        load_from, scales = arc.load
+        if scales.numbers:
             arc.guess()
         standing, auto = arc.standing, self._method is None
         closed, driven_by = isinstance(standing.control, WholeArc), self._choice.chosen
@@ -144,7 +144,7 @@ class Plan:
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
         behind = Arcs(self._course, self._from, self._choice.driven_arcs, driven_by, auto or closed, accuracy)
-        propagated = propagate(self._inertia, standing, behind, edges, outlook.numbers)
+        propagated = propagate(self._inertia, standing, behind, edges, scales.numbers)
         if propagated is None:
             return None
         if propagated.changes:
@@ -157,7 +157,7 @@ class Plan:
                 method, control = EXACT, WholeArc(accuracy, self._course.turned)
             again = self._cheapest if auto and method is not EXACT else None
             what = method, self._inertia, new.held, control
-            arc = Arc(*what, new.start_ns, behind.origin, load_from, again, outlook)
+            arc = Arc(*what, new.start_ns, behind.origin, load_from, again, scales)
         arc.resume(propagated.standing)
         return arc, propagated
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.mcap_records import Block
+from rb_dynamics.formats.mcap_records import MessageBlock
 from rb_dynamics.formats.message_types import (
     ACCELERATION,
     IMU,
@@ -255,7 +255,7 @@ def _refuse(unread: Mapping[str, _Unread]) -> None:
             raise each.error
 
 
-def _taken(block: Block, kind: str, fields: tuple[int, ...] | None = None) -> Topic:
+def _taken(block: MessageBlock, kind: str, fields: tuple[int, ...] | None = None) -> Topic:
     """Return the messages of a block as arrays, with what is damaged among them counted."""
     topic = Topic(block.channel.topic, kind, bears=True, fields=fields)
     topic.take(block)
@@ -264,7 +264,7 @@ def _taken(block: Block, kind: str, fields: tuple[int, ...] | None = None) -> To
     return topic
 
 
-def _messages(block: Block, whole: Topic, covariances: bool) -> Messages:
+def _messages(block: MessageBlock, whole: Topic, covariances: bool) -> Messages:
     """Return those messages of a block that can be read."""
     kind, readable = whole.type_name, np.ones(whole.count, dtype=bool)
     readable[whole.damaged] = False

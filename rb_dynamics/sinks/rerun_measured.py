@@ -14,7 +14,7 @@ TRUE = {ATTITUDE: "attitude", RATE: "angular_velocity"}
 """The entity of the true value of what is measured."""
 
 
-class Reading(NamedTuple):
+class SensorValue(NamedTuple):
     """One value of a sensor: when it was taken, the newest sample when it came, and its numbers."""
 
     taken_ns: int
@@ -38,7 +38,7 @@ class Readings:
         self._most = most
         self._count = dict.fromkeys(self._sensors, 0)
         self._stride = dict.fromkeys(self._sensors, 1)
-        self._waiting: dict[str, list[Reading]] = {}
+        self._waiting: dict[str, list[SensorValue]] = {}
 
     def take(self, event: Measurement, sample: int, attitude: Quaternion | None) -> None:
         """Take what a sensor gave after `sample`, in which the body had `attitude`: of q and -q, the one near it."""
@@ -61,13 +61,13 @@ class Readings:
                 if attitude is not None and sum(a * b for a, b in zip(numbers, attitude, strict=True)) < 0.0:
                     numbers = tuple(-number for number in numbers)
             entity = f"measured/{name}/{what}"
-            self._waiting.setdefault(entity, []).append(Reading(event.taken_ns, sample, numbers))
+            self._waiting.setdefault(entity, []).append(SensorValue(event.taken_ns, sample, numbers))
 
     def unsent(self) -> int:
         """Return how many wait."""
         return sum(map(len, self._waiting.values()))
 
-    def fetch(self) -> dict[str, list[Reading]]:
+    def fetch(self) -> dict[str, list[SensorValue]]:
         """Return what has come since it was last called, by entity."""
         fetched, self._waiting = self._waiting, {}
         return fetched

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.comparison import Comparison, Given, compare_tracks
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
-from rb_dynamics.analysis.streams import MotionStreams
+from rb_dynamics.analysis.signals import MotionSignals
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
@@ -226,9 +226,9 @@ def _moves(track: Track) -> bool:
 
 def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Alignment, list[str]]:
     """Return how the times belong together, and remarks on that."""
-    one, other = MotionStreams.of(a.track), MotionStreams.of(b.track)
+    one, other = MotionSignals.of(a.track), MotionSignals.of(b.track)
     for each, motion in ((a, one), (b, other)):
-        if motion == MotionStreams():
+        if motion == MotionSignals():
             raise LogError(
                 f"{each.path} has no pose and no twist, expected a motion to compare; to run the commands in it, give "
                 "the recording of a motion and --scene SCENE"
@@ -264,7 +264,7 @@ def _flown_from(a: Track, b: Track) -> int | None:
     return None
 
 
-def _off_stamps(a: Track, b: Track, one: MotionStreams, other: MotionStreams) -> list[str]:
+def _off_stamps(a: Track, b: Track, one: MotionSignals, other: MotionSignals) -> list[str]:
     """Return a remark if a lag fits much better than the stamps do; two logs of this package are of one clock."""
     if a.own and b.own:
         return []

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rb_dynamics.analysis.alignment import best_lag
-from rb_dynamics.analysis.streams import MotionStreams, Stream
+from rb_dynamics.analysis.signals import MotionSignals, Signal
 from rb_dynamics.errors import LogError
 
 GENERATOR = np.random.default_rng(5)
@@ -18,10 +18,10 @@ PHASES = GENERATOR.uniform(0.0, 6.0, (3, 7))
 FREQUENCIES = GENERATOR.uniform(0.2, 3.0, (3, 7))
 
 
-def wandering(time_ns: np.ndarray, noise: float = 0.0) -> MotionStreams:
+def wandering(time_ns: np.ndarray, noise: float = 0.0) -> MotionSignals:
     seconds = time_ns[:, None, None] * 1e-9
     rates = np.sin(FREQUENCIES * seconds + PHASES).sum(axis=2) + noise * GENERATOR.standard_normal((len(time_ns), 3))
-    return MotionStreams(rate=Stream.of(time_ns, rates))
+    return MotionSignals(rate=Signal.of(time_ns, rates))
 
 
 @given(st.integers(-(10**18), 10**18))
@@ -56,7 +56,7 @@ def test_as_many_lags_of_slow_noisy_motions_lie_within_what_is_said_as_should() 
         for times in (TIMES, part + 7_000_000):
             rates = np.sin(frequencies * times[:, None, None] * 1e-9 + phases).sum(axis=2)
             rates += 0.1 * generator.standard_normal(rates.shape)
-            both.append(MotionStreams(rate=Stream.of(times, rates)))
+            both.append(MotionSignals(rate=Signal.of(times, rates)))
         found = best_lag(both[0], both[1].later(later_ns))
         assert found.uncertainty_s is not None
         beyond += abs(found.offset_ns - later_ns) * 1e-9 > 1.5 * found.uncertainty_s  # three standard deviations
@@ -65,7 +65,7 @@ def test_as_many_lags_of_slow_noisy_motions_lie_within_what_is_said_as_should() 
 
 def test_noise_alone_cannot_be_aligned() -> None:
     generator = np.random.default_rng(12)
-    one, other = (MotionStreams(rate=Stream.of(TIMES, generator.standard_normal((600, 3)))) for _ in range(2))
+    one, other = (MotionSignals(rate=Signal.of(TIMES, generator.standard_normal((600, 3)))) for _ in range(2))
     with pytest.raises(LogError, match="--align start"):
         best_lag(one, other)
 
@@ -80,7 +80,7 @@ def test_a_part_of_a_motion_is_found_within_the_whole() -> None:
 
 def test_a_motion_that_repeats_itself_is_doubtful() -> None:
     rates = np.stack([np.sin(2.0 * TIMES * 1e-9), np.zeros(600), np.ones(600)], axis=1)
-    motion = MotionStreams(rate=Stream.of(TIMES, rates))
+    motion = MotionSignals(rate=Signal.of(TIMES, rates))
     found = best_lag(motion, motion.later(500_000_000))
     assert found.doubtful
     assert found.rival_s is not None
@@ -88,7 +88,7 @@ def test_a_motion_that_repeats_itself_is_doubtful() -> None:
 
 def test_two_motions_of_nothing_in_common_are_doubtful() -> None:
     rates = np.cos(FREQUENCIES[::-1] ** 1.3 * TIMES[:, None, None] * 1.7e-9).sum(axis=2)
-    found = best_lag(wandering(TIMES), MotionStreams(rate=Stream.of(TIMES + 10**15, rates)))
+    found = best_lag(wandering(TIMES), MotionSignals(rate=Signal.of(TIMES + 10**15, rates)))
     assert found.doubtful
 
 
@@ -97,14 +97,14 @@ def test_attitudes_and_positions_align_where_there_is_no_twist() -> None:
 
     angles = np.cumsum(wandering(TIMES).rate.values * 0.02, axis=0)  # type: ignore[union-attr]
     vectors = np.column_stack([0.3 * angles[:, 0], np.zeros(600), np.zeros(600)])
-    attitude = Stream.of(TIMES, exponentials(vectors))
-    one = MotionStreams(attitude=attitude, position=Stream.of(TIMES, angles))
+    attitude = Signal.of(TIMES, exponentials(vectors))
+    one = MotionSignals(attitude=attitude, position=Signal.of(TIMES, angles))
     assert best_lag(one, one.later(3_000_000_001)).offset_ns == 3_000_000_001
 
 
 def test_a_body_at_rest_cannot_be_aligned() -> None:
-    still = MotionStreams(rate=Stream.of(TIMES, np.zeros((600, 3))))
+    still = MotionSignals(rate=Signal.of(TIMES, np.zeros((600, 3))))
     with pytest.raises(LogError, match="--align start"):
         best_lag(still, still.later(10**12))
     with pytest.raises(LogError, match="--align start"):
-        best_lag(MotionStreams(), still)
+        best_lag(MotionSignals(), still)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.mcap_records import MAGIC, Block, McapFile, Message
+from rb_dynamics.formats.mcap_records import MAGIC, McapFile, Message, MessageBlock
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.formats.topic import KEPT
 from rb_dynamics.logs.bag_reader import read_bag
@@ -42,7 +42,7 @@ def own_log(folder: Path) -> bytes:
     return path.read_bytes()
 
 
-def all_of(path: Path, read: Callable[[McapFile], Iterator[Message | Block]]) -> object:
+def all_of(path: Path, read: Callable[[McapFile], Iterator[Message | MessageBlock]]) -> object:
     """Return the content of a file, read by `read`, or the reason why it cannot be read."""
     file, found = McapFile(path, salvage=True), defaultdict[str, list[tuple[int, bytes]]](list)
     try:

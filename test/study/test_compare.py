@@ -262,14 +262,14 @@ def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, fold
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_known_rotation_between_two_is_what_is_found(vector: tuple[float, ...]) -> None:
     from rb_dynamics.analysis.comparison import difference
-    from rb_dynamics.analysis.streams import Stream
+    from rb_dynamics.analysis.signals import Signal
     from rb_dynamics.numerics.rotation_arrays import exponentials, product
 
     times = np.arange(50) * 10**8
     attitude = exponentials(np.outer(times * 1e-9, [0.3, 0.2, -0.5]))
     turned = product(attitude, exponentials(np.array([vector])))
-    found = difference("attitude", "", Stream.of(times, attitude), Stream.of(times, turned))
-    back = difference("attitude", "", Stream.of(times, turned), Stream.of(times, attitude))
+    found = difference("attitude", "", Signal.of(times, attitude), Signal.of(times, turned))
+    back = difference("attitude", "", Signal.of(times, turned), Signal.of(times, attitude))
     assert found is not None
     assert back is not None
     assert np.allclose(found.size, math.hypot(*vector), rtol=1e-13)

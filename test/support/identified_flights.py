@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rb_dynamics import RigidBody, State, parse_scene
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Channel, Flight, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream, WrenchSeries
 from rb_dynamics.analysis.identification.rotations import products, quaternions
 from rb_dynamics.run.ensemble import driven_motion
 from rb_dynamics.scene.model import Scene
@@ -65,7 +65,7 @@ def flown(
             Stream("pose", POSITION, times, position + pose * random.standard_normal(rates.shape)),
         ]
     held = np.hstack([forces, recorded_torque * torques, np.zeros((count, 9))])
-    channels = (Channel("wrench", times[:-1], held),) if torque or force else ()
+    channels = (WrenchSeries("wrench", times[:-1], held),) if torque or force else ()
     return Flight("flight", tuple(streams), channels)
 
 

@@ -21,9 +21,9 @@ from rb_dynamics.analysis.identification.flights import (
     POSITION,
     RATES,
     VELOCITY,
-    Channel,
     Flight,
     Stream,
+    WrenchSeries,
     acting_elsewhere,
     commanded,
 )
@@ -97,7 +97,9 @@ def read_csv_flight(
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
-def _wrench(found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene) -> Iterator[Channel]:
+def _wrench(
+    found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene
+) -> Iterator[WrenchSeries]:
     parts = [name for name in ("force", "torque") if name in found]
     if parts:
         given = np.logical_and.reduce([measured[name] for name in parts])
@@ -106,7 +108,7 @@ def _wrench(found: Mapping[str, Array], measured: Mapping[str, Mask], times: Tim
         acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing, nothing]), scene)
         # Only a change is a command.
         changes = np.append(True, (np.diff(acting.held, axis=0) != 0.0).any(axis=1))[: len(acting.held)]
-        yield Channel(acting.topic, acting.time_ns[changes], acting.held[changes])
+        yield WrenchSeries(acting.topic, acting.time_ns[changes], acting.held[changes])
 
 
 def _require_unit(path: str, attitudes: Array) -> None:

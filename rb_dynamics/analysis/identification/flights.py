@@ -13,7 +13,7 @@ from rb_dynamics.analysis.read_track import STRAYS, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.loads.channels import Channel as WrenchChannel
+from rb_dynamics.loads.channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
@@ -54,7 +54,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Channel:
+class WrenchSeries:
     """A wrench that acted: each row is held until the next; nothing before the first.
 
     Attributes:
@@ -82,7 +82,7 @@ class Flight:
 
     name: str
     streams: tuple[Stream, ...]
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[WrenchSeries, ...] = ()
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -230,7 +230,7 @@ def _with_points(channel: Channel, bag: Bag, scene: Scene) -> Channel:
 
 def acting_elsewhere(
     commands: Sequence[str], scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]
-) -> list[Channel]:
+) -> list[WrenchSeries]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
     `notes` gets what a person should know of them.
@@ -247,7 +247,7 @@ def acting_elsewhere(
     return channels
 
 
-def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[Channel]:
+def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[WrenchSeries]:
     # What effects of the scene did is in a log of this package, too, in whatever namespace.
     acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
     found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
@@ -325,7 +325,7 @@ def _unless_blank(
     return [Stream(series.topic, kind, series.time_ns[measured] - zero, values[measured])]
 
 
-def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path: str) -> Channel:
+def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path: str) -> WrenchSeries:
     """Return what acted of a recorded wrench, its timeout included.
 
     Raises:
@@ -349,20 +349,20 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
     )
     times = wrench.time_ns - zero
     if wrench.topic.endswith(APPLIED):
-        return Channel(wrench.topic.removesuffix(APPLIED), times, held)
+        return WrenchSeries(wrench.topic.removesuffix(APPLIED), times, held)
     return commanded(wrench.topic, times, held, scene)
 
 
-def commanded(topic: str, times: Times, held: Array, scene: Scene) -> Channel:
+def commanded(topic: str, times: Times, held: Array, scene: Scene) -> WrenchSeries:
     """Return what acts of commands, with the delay and the timeout of the scene's channel of this name."""
     channel = _channel_of(topic, scene)
-    return Channel(topic, *_timed_out(times + channel.delay_ns, held, channel.timeout_ns))
+    return WrenchSeries(topic, *_timed_out(times + channel.delay_ns, held, channel.timeout_ns))
 
 
-def _channel_of(topic: str, scene: Scene) -> WrenchChannel:
+def _channel_of(topic: str, scene: Scene) -> Channel:
     """Return the scene's channel of this name; one without timeout or delay where it has none."""
     name = topic.removeprefix("/")
-    return next((c for c in scene.channels if c.topic.removeprefix("/") == name), WrenchChannel(name))
+    return next((c for c in scene.channels if c.topic.removeprefix("/") == name), Channel(name))
 
 
 def _timed_out(times: Times, held: Array, timeout_ns: int) -> tuple[Times, Array]:

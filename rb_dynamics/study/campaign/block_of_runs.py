@@ -28,7 +28,7 @@ from rb_dynamics.study.campaign.bodies import (
 from rb_dynamics.study.campaign.control import ControlLoop, check_values, delay_ns
 from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
-from rb_dynamics.study.campaign.onboard import Onboard
+from rb_dynamics.study.campaign.onboard import OnboardValues
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import FunctionError
@@ -50,7 +50,7 @@ class _Run(NamedTuple):
     scene: Scene
 
 
-def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
+def simulate_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
     """Return the rows of the runs from `first` up to, not including, `last`.
 
     Raises:
@@ -87,7 +87,7 @@ def fly_block(campaign: Campaign, first: int, last: int, threads: int | None = N
     }
 
 
-def fly_alone(
+def simulate_alone(
     campaign: Campaign, number: int, sinks: Sequence[Sink] = (), watch: Callable[[Samples], None] | None = None
 ) -> dict[str, float]:
     """Execute one run, with its outputs to `sinks`, and return its metrics by name.
@@ -259,7 +259,7 @@ class _Closed:
         self._loop.end()
         return self.failed
 
-    def sample(self, time_ns: int, samples: Samples, onboard: Onboard) -> None:
+    def sample(self, time_ns: int, samples: Samples, onboard: OnboardValues) -> None:
         """Evaluate the law; its commands wait for the delay."""
         commands = self._loop.commands(samples, onboard)
         if not commands:

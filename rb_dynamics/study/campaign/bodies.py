@@ -29,7 +29,7 @@ from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.onboard import NewestMeasurements, Onboard
+from rb_dynamics.study.campaign.onboard import NewestMeasurements, OnboardValues
 
 if TYPE_CHECKING:
     import numpy as np
@@ -101,7 +101,7 @@ class Bodies(Protocol):
     def samples(self) -> Samples:
         """Return their present state and bookkeeping."""
 
-    def onboard(self) -> Onboard:
+    def onboard(self) -> OnboardValues:
         """Return what is there for a controller, at the last `samples`."""
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
@@ -136,9 +136,9 @@ class SideBySide:
         """Return their state; see `Bodies`."""
         return self._ensemble.samples()
 
-    def onboard(self) -> Onboard:
+    def onboard(self) -> OnboardValues:
         """Return nothing; see `Bodies`: with sensors, a field or wheels, each body goes alone."""
-        return Onboard()
+        return OnboardValues()
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
         """Hold the wrenches; see `Bodies`. On the grid of steps, holding the same ones again changes nothing."""
@@ -210,9 +210,9 @@ class InTurn:
         columns: Any = tuple(np.array(momenta).T), np.array(energies)
         return Stored(*columns)
 
-    def onboard(self) -> Onboard:
+    def onboard(self) -> OnboardValues:
         """Return nothing; see `Bodies`: there is no controller."""
-        return Onboard()
+        return OnboardValues()
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
         """Refuse; see `Bodies`.
@@ -289,7 +289,7 @@ class Alone:
         columns["rejected_commands"] = np.array([float(self._rejected + len(self._run.taken_back))])
         return Samples.known(sample.time_ns, **columns)
 
-    def onboard(self) -> Onboard:
+    def onboard(self) -> OnboardValues:
         """Return what is there for a controller; see `Bodies`."""
         import numpy as np
 
@@ -300,7 +300,7 @@ class Alone:
             if effects.magnetic
             else None
         )
-        found = Onboard({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
+        found = OnboardValues({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
         if newest is None:
             return found
         attitude, rate = newest.orientation(), newest.angular_velocity()

@@ -20,9 +20,9 @@ from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
-from rb_dynamics.study.campaign.laws import LAWS, Measurement, Parameters, RandomStreams
+from rb_dynamics.study.campaign.laws import LAWS, LawInput, Parameters, RandomStreams
 from rb_dynamics.study.campaign.model import Campaign, Control
-from rb_dynamics.study.campaign.onboard import Onboard
+from rb_dynamics.study.campaign.onboard import OnboardValues
 from rb_dynamics.study.campaign.sampling import LAW, NOISE, generator
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function
@@ -139,7 +139,7 @@ class ControlLoop:
             why += "correct their rate, delay or dropout, or make the run longer"
             self.failed.update(dict.fromkeys(range(len(self._largest)), why))
 
-    def commands(self, samples: Samples, onboard: Onboard) -> Commands:
+    def commands(self, samples: Samples, onboard: OnboardValues) -> Commands:
         """Return what is commanded at the sample that is due now: nothing before the sensors have spoken.
 
         Raises:
@@ -199,12 +199,12 @@ class ControlLoop:
             found = np.where(lost[:, None] if is_wrench else lost, 0.0, found)
         return found
 
-    def _measure(self, samples: Samples, onboard: Onboard) -> Measurement:
+    def _measure(self, samples: Samples, onboard: OnboardValues) -> LawInput:
         import numpy as np
 
         time_s = float(samples.time_ns / NANOSECONDS)
         if onboard.sensors:
-            return Measurement(time_s, onboard.orientation_xyzw, onboard.angular_velocity_body, self._random, onboard)
+            return LawInput(time_s, onboard.orientation_xyzw, onboard.angular_velocity_body, self._random, onboard)
         attitude, rate = samples.orientation_xyzw.copy(), samples.angular_velocity_body.copy()
         if self._noise:
             k = self._sample % _AHEAD
@@ -215,7 +215,7 @@ class ControlLoop:
             noise = self._drawn[k] * self._sizes[:, :, None]
             attitude = _turned(attitude, noise[:, 0]) if self._sizes[:, 0].any() else attitude
             rate += noise[:, 1]
-        return Measurement(time_s, attitude, rate, self._random, onboard)
+        return LawInput(time_s, attitude, rate, self._random, onboard)
 
 
 def sharing(scene: Scene, through: Sequence[str]) -> Mapping[str, Vector]:

@@ -20,7 +20,7 @@ from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.study.campaign.block_of_runs import Columns, fly_block
+from rb_dynamics.study.campaign.block_of_runs import Columns, simulate_block
 from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns, turn_of
 from rb_dynamics.study.campaign.control import DELAY
 from rb_dynamics.study.campaign.distributions import Choice, Stepped
@@ -96,7 +96,7 @@ def run_campaign(
     store.finish()
 
 
-def flies_side_by_side(campaign: Campaign) -> bool:
+def goes_side_by_side(campaign: Campaign) -> bool:
     """Return whether the runs of `campaign` use the kernels for many bodies, rather than one run at a time."""
     dispersed = {each.name.partition(".")[0] for each in campaign.inputs}
     base = Scenes(campaign).base
@@ -120,7 +120,7 @@ def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
 
 
 def _block(campaign: Campaign, workers: int) -> int:
-    if flies_side_by_side(campaign):
+    if goes_side_by_side(campaign):
         least, most = _FEW, SIDE_BY_SIDE
     else:
         base, driven = Scenes(campaign).base, campaign.control is not None
@@ -130,7 +130,7 @@ def _block(campaign: Campaign, workers: int) -> int:
 
 def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:
     for first, last in blocks:
-        yield fly_block(campaign, first, last)
+        yield simulate_block(campaign, first, last)
 
 
 def _here_or_on_workers(
@@ -139,7 +139,7 @@ def _here_or_on_workers(
     """Yield rows of the `left` runs computed here, until starting workers is worth it."""
     for first, last in blocks:
         begin = time.perf_counter()
-        columns = fly_block(campaign, first, last)
+        columns = simulate_block(campaign, first, last)
         took, left = time.perf_counter() - begin, left - (last - first)
         yield columns
         saved = took / (last - first) * left * (1.0 - 1.0 / processes)
@@ -176,7 +176,7 @@ def _on_workers(
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
 
         def submit(some: Iterator[tuple[int, int]]) -> list[Any]:
-            return [client.submit(fly_there, campaign, version(), *each, pure=False) for each in some]
+            return [client.submit(simulate_on_worker, campaign, version(), *each, pure=False) for each in some]
 
         waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
         for future in waiting:
@@ -188,19 +188,19 @@ def _on_workers(
             yield columns
 
 
-def fly_there(campaign: Campaign, commander: str, first: int, last: int) -> Columns:
+def simulate_on_worker(campaign: Campaign, commander: str, first: int, last: int) -> Columns:
     """Return the rows of a block on a worker, in one thread; `commander` is the version of the commanding process.
 
     Raises:
         LogError: the worker has another version.
-        SceneError: as `fly_block` says.
+        SceneError: as `simulate_block` says.
     """
     if version() != commander:
         raise LogError(
             f"the worker on {platform.node()} has rb_dynamics {version()}, expected {commander} as here; install the "
             "same everywhere and start the workers again"
         )
-    return fly_block(campaign, first, last, 1)
+    return simulate_block(campaign, first, last, 1)
 
 
 _PATIENCE_S = 30

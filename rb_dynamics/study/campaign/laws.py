@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from rb_dynamics.study.campaign.onboard import Onboard
+from rb_dynamics.study.campaign.onboard import OnboardValues
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,7 +47,7 @@ class RandomStreams:
         return self._make()
 
 
-class Measurement:
+class LawInput:
     """Input of a law for N bodies.
 
     Attributes:
@@ -66,7 +66,7 @@ class Measurement:
         orientation_xyzw: Numbers | None,
         angular_velocity_body: Numbers | None,
         random: RandomStreams,
-        onboard: Onboard,
+        onboard: OnboardValues,
     ) -> None:
         """Give a law these; None is what no sensor measures."""
         self.time_s, self.random = time_s, random
@@ -99,7 +99,7 @@ def _known(values: Numbers | None, what: str, sensor: str) -> Numbers:
     return values
 
 
-Law = Callable[[Measurement], "Numbers | Mapping[str, Numbers]"]
+Law = Callable[[LawInput], "Numbers | Mapping[str, Numbers]"]
 """Returns the torque about the centre of mass, (N, 3), body axes, N m; or commands by name.
 
 These are `torque` and `force` (N, through the centre of mass, body axes), (N, 3), and actuators of the scene, (N,), in
@@ -123,7 +123,7 @@ def b_dot(parameters: Parameters) -> Law:
 
     gain, period = parameters["gain"], parameters["field_period"].tolist()
 
-    def law(measured: Measurement) -> Numbers:
+    def law(measured: LawInput) -> Numbers:
         angles = [2.0 * math.pi * measured.time_s / each for each in period]
         across, along = np.array([math.cos(a) for a in angles]), np.array([math.sin(a) for a in angles])
         x, y, z, w = measured.orientation_xyzw.T
@@ -153,7 +153,7 @@ def attitude_pd(parameters: Parameters) -> Law:
     identity = np.array([[0.0, 0.0, 0.0, 1.0]])
     a, b, c, d = _conjugate(parameters.get("target", identity))
 
-    def law(measured: Measurement) -> Numbers:
+    def law(measured: LawInput) -> Numbers:
         x, y, z, w = measured.orientation_xyzw.T
         error = (
             d * x + a * w + b * z - c * y,

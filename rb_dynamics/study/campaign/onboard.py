@@ -45,7 +45,7 @@ class SensorReading:
         return found[name]
 
 
-class Onboard(NamedTuple):
+class OnboardValues(NamedTuple):
     """What is on board of N bodies.
 
     Attributes:

@@ -29,7 +29,7 @@ from rb_dynamics.errors import SceneError
 
 
 @dataclass(frozen=True)
-class Source:
+class ModuleSource:
     """A module that is sent with the campaign.
 
     Attributes:
@@ -54,7 +54,7 @@ class UserModules:
         installed: top-level names of the other modules, each with the hash of its source.
     """
 
-    beside: tuple[Source, ...] = ()
+    beside: tuple[ModuleSource, ...] = ()
     installed: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -81,12 +81,12 @@ class UserModules:
             name = f"{self._package}.{name}"
         return import_module(name)
 
-    def find(self, name: str) -> Source | None:
+    def find(self, name: str) -> ModuleSource | None:
         """Return the module `name` sent with the campaign; "" and folders without `__init__` are empty packages."""
         if name in self._by_name:
             return self._by_name[name]
         is_folder = any(not name or each.startswith(f"{name}.") for each in self._by_name)
-        return Source(name, "", "", is_package=True) if is_folder else None
+        return ModuleSource(name, "", "", is_package=True) if is_folder else None
 
     def builtins(self) -> dict[str, Any]:
         """Return builtins for these modules, in which `import` finds the others of this campaign."""
@@ -114,7 +114,7 @@ class UserModules:
         return f"rb_dynamics_campaign_{_sha256(repr(sorted(self.hashes.items())).encode())}"
 
     @cached_property
-    def _by_name(self) -> dict[str, Source]:
+    def _by_name(self) -> dict[str, ModuleSource]:
         return {each.name: each for each in self.beside}
 
 
@@ -124,7 +124,7 @@ def read_modules(names: Iterable[str], folder: str) -> UserModules:
     Raises:
         SceneError: a module in `folder` cannot be read.
     """
-    beside: dict[str, Source | None] = {}
+    beside: dict[str, ModuleSource | None] = {}
     installed: dict[str, str] = {}
     named = {name.rpartition(".")[0] for name in names}
     waiting = sorted(named)
@@ -147,18 +147,18 @@ def _with_parents(name: str) -> Iterator[str]:
     return (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
-def _read(folder: Path, name: str) -> Source | None:
+def _read(folder: Path, name: str) -> ModuleSource | None:
     place = folder.joinpath(*name.split("."))
     for path, is_package in ((place / "__init__.py", True), (place.with_name(f"{place.name}.py"), False)):
         if path.is_file():
             try:
-                return Source(name, os.fspath(path), decode_source(path.read_bytes()), is_package)
+                return ModuleSource(name, os.fspath(path), decode_source(path.read_bytes()), is_package)
             except (OSError, SyntaxError, UnicodeDecodeError) as error:
                 raise SceneError(f"cannot read {path}: {error}; correct the module") from error
     return None
 
 
-def _imports(source: Source) -> Iterator[str]:
+def _imports(source: ModuleSource) -> Iterator[str]:
     """Yield the absolute names that `source` may import; names inside modules are included, and are found nowhere."""
     package = source.name if source.is_package else source.name.rpartition(".")[0]
     try:
@@ -241,7 +241,7 @@ class _Finder(MetaPathFinder):
 
 
 class _Loader(ExecutionLoader):
-    def __init__(self, modules: UserModules, source: Source) -> None:
+    def __init__(self, modules: UserModules, source: ModuleSource) -> None:
         self._modules, self._source = modules, source
 
     def get_filename(self, fullname: str) -> str:

@@ -14,9 +14,9 @@ from rb_dynamics.analysis.identification.flights import (
     POSITION,
     RATES,
     VELOCITY,
-    Channel,
     Flight,
     Stream,
+    WrenchSeries,
 )
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
@@ -64,8 +64,8 @@ def every_sensor() -> Flight:
         Stream("imu", ACCELERATION, times, next(rows), mount=mount, place=place),
     )
     channels = (
-        Channel("a", np.array([-200, 125, 415], np.int64) * 10**6, random.standard_normal((3, 15))),
-        Channel("b", np.array([133, 377], np.int64) * 10**6, random.standard_normal((2, 15))),
+        WrenchSeries("a", np.array([-200, 125, 415], np.int64) * 10**6, random.standard_normal((3, 15))),
+        WrenchSeries("b", np.array([133, 377], np.int64) * 10**6, random.standard_normal((2, 15))),
     )
     return Flight("every", streams, channels)
 

@@ -14,9 +14,9 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics import Simulation, Wrench
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.sinks.memory_sink import MemorySink
-from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
 from rb_dynamics.study.campaign.bodies import CHANNEL
-from rb_dynamics.study.campaign.engine import flies_side_by_side
+from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs
@@ -41,9 +41,11 @@ def rows(columns: dict[str, Any]) -> list[str]:
 @pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT, SCENE.replace(*ACCURATE)], ids=["many", "effect", "auto"])
 def test_a_run_is_the_same_in_any_block(tmp_path: Path, scene: str) -> None:
     campaign = read_campaign(write(tmp_path, CAMPAIGN, scene))
-    whole = fly_block(campaign, 0, 14)
+    whole = simulate_block(campaign, 0, 14)
 
-    parts = [row for first, last in ((0, 1), (1, 12), (12, 14)) for row in rows(fly_block(campaign, first, last, 1))]
+    parts = [
+        row for first, last in ((0, 1), (1, 12), (12, 14)) for row in rows(simulate_block(campaign, first, last, 1))
+    ]
     assert parts == rows(whole)
     assert not any(whole["error"])
     assert len(set(whole["final_rate"].tolist())) == 14
@@ -62,10 +64,10 @@ def test_a_run_alone_has_the_bits_of_the_block(tmp_path: Path, law: str) -> None
         text = text.replace("{gain: 1.0}", aim)
         text = text.replace("control.parameters.gain: {log_uniform", "control.parameters.derivative: {log_uniform")
     campaign = read_campaign(write(tmp_path, text))
-    block = fly_block(campaign, 0, 4)
+    block = simulate_block(campaign, 0, 4)
 
     for run in range(4):
-        alone = fly_alone(campaign, run)
+        alone = simulate_alone(campaign, run)
         assert {name: repr(value) for name, value in alone.items()} == {
             name: repr(float(block[name][run])) for name in alone
         }
@@ -87,11 +89,11 @@ def test_effects_go_side_by_side(tmp_path: Path, effect: str, driven: bool) -> N
     scene = SCENE.replace("angular_velocity_body", "linear_velocity_world: [1, 0, 3]\n  angular_velocity_body")
     campaign = read_campaign(write(tmp_path, text, f"{scene}effects: [{{type: {effect}}}]\n"))
     assert (campaign.control is not None) == driven
-    assert flies_side_by_side(campaign)
+    assert goes_side_by_side(campaign)
 
-    block = fly_block(campaign, 0, 3)
+    block = simulate_block(campaign, 0, 3)
     for run in range(3):
-        alone = fly_alone(campaign, run)
+        alone = simulate_alone(campaign, run)
         assert {name: repr(value) for name, value in alone.items()} == {
             name: repr(float(block[name][run])) for name in alone
         }
@@ -109,7 +111,7 @@ def test_effects_go_side_by_side(tmp_path: Path, effect: str, driven: bool) -> N
 def test_other_effects_do_not(tmp_path: Path, effect: str, solver: str) -> None:
     text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.1, 0.3]")
     scene = SCENE.replace("{method: rk4, step: 0.05}", solver) + f"effects: [{{type: {effect}}}]\n"
-    assert not flies_side_by_side(read_campaign(write(tmp_path, text, scene)))
+    assert not goes_side_by_side(read_campaign(write(tmp_path, text, scene)))
 
 
 QUANTITIES = """
@@ -138,10 +140,10 @@ def test_runs_in_turn_have_the_bits_of_a_run_alone(tmp_path: Path, effects: str,
     scene = scene.replace("method: rk4, step: 0.05", f"method: {solver}") + f"effects: [{{type: {effects}}}]\n"
     campaign = read_campaign(write(tmp_path, text.replace("require", "observe_rate: 7\nrequire"), scene))
 
-    block = fly_block(campaign, 0, 3)
+    block = simulate_block(campaign, 0, 3)
     assert not any(block["error"])
     for run in range(3):
-        alone = fly_alone(campaign, run)
+        alone = simulate_alone(campaign, run)
         assert {name: repr(value) for name, value in alone.items()} == {
             name: repr(float(block[name][run])) for name in alone
         }
@@ -156,16 +158,16 @@ def test_a_run_in_turn_that_fails_leaves_the_others_alone(tmp_path: Path) -> Non
     scene += "effects: [{type: central_gravity, gravitational_parameter: 0.3}]\n"
     campaign = read_campaign(write(tmp_path, text, scene))
 
-    block = fly_block(campaign, 0, 8)
+    block = simulate_block(campaign, 0, 8)
     failed = [bool(error) for error in block["error"]]
     assert 0 < sum(failed) < 8
     for run, error in enumerate(block["error"]):
         if error:
             assert math.isnan(block["worst_rate"][run])
             with pytest.raises(ConvergenceError, match=re.escape(error)):
-                fly_alone(campaign, run)
+                simulate_alone(campaign, run)
         else:
-            assert fly_alone(campaign, run)["worst_rate"] == block["worst_rate"][run]
+            assert simulate_alone(campaign, run)["worst_rate"] == block["worst_rate"][run]
 
 
 def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
@@ -173,7 +175,7 @@ def test_a_run_alone_ends_when_its_scene_does(tmp_path: Path) -> None:
     text = "scene: scene.yaml\nset: {duration: 8562165.564, output_rate: 1e-6}\nobserve_rate: 1e-6\nruns: 1\n"
     scene = SCENE.replace("{method: rk4, step: 0.05}", "{method: auto, accuracy: 1.0e-6}")
     campaign = read_campaign(write(tmp_path, text + "metrics: {final_rate: {final: rate}}\n", scene))
-    fly_alone(campaign, 0, [memory := MemorySink()])
+    simulate_alone(campaign, 0, [memory := MemorySink()])
     assert memory.time_ns[-1] == 8_562_165_564_000_000
 
 
@@ -194,7 +196,7 @@ def test_the_controller_is_what_it_is_said_to_be(tmp_path: Path) -> None:
         simulation.post(CHANNEL, Wrench(torque=biased), k * 250_000_000 + delay_ns)
     simulation.advance(2_000_000_000)
     w = simulation.sample.angular_velocity_body
-    assert fly_block(campaign, run, run + 1)["final_rate"][0] == math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    assert simulate_block(campaign, run, run + 1)["final_rate"][0] == math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
 
 
 def test_noise_is_of_the_size_that_is_asked_for(tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def test_noise_is_of_the_size_that_is_asked_for(tmp_path: Path) -> None:
     text = text[: text.index("xdisperse:")] + text[text.index("control:\n") :]
     scene = SCENE.replace("[0.4, -0.3, 0.5]\n", "[0, 0, 0]\n  position_world: [0, 0, 0]\n")
     campaign = read_campaign(write(tmp_path, text, scene))
-    fly_block(campaign, 0, 24)
+    simulate_block(campaign, 0, 24)
 
     seen = campaign.modules.load("spy_law").SEEN
     spins = np.array([spin for spin, _ in seen])
@@ -231,7 +233,7 @@ control:
   parameters: {proportional: 0.4, derivative: 1.2, target: {x: 0, y: 0.6, z: 0, w: 0.8}}
 metrics: {off: {final: attitude}, worst: {worst: attitude}, defect: {final: energy_defect}}
 """
-    found = fly_block(read_campaign(write(tmp_path, text)), 0, 4)
+    found = simulate_block(read_campaign(write(tmp_path, text)), 0, 4)
     assert found["off"].max() < 1e-2 < 1.0 < found["worst"].max()
     assert found["defect"].max() < 1e-6
 
@@ -255,7 +257,7 @@ metrics:
   momentum: {final: angular_momentum}
   energy: {final: energy}
 """
-    found = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 2)
+    found = simulate_block(read_campaign(write(tmp_path, text, scene)), 0, 2)
     expected = {
         "last": 2.0, "most": 2.0, "least": 0.0, "mean": 1.0, "reached": 2.0, "never": math.nan, "passing": 0.0,
         "staying": math.nan, "momentum": 1.5, "energy": 0.375,
@@ -272,7 +274,7 @@ sampling: latin_hypercube
 disperse: {"initial.angular_velocity_body[0]": {choice: {values: [0.1, 20000.0], weights: [5, 1]}}}
 metrics: {final_rate: {final: rate}}
 """
-    found = fly_block(read_campaign(write(tmp_path, text)), 0, 6)
+    found = simulate_block(read_campaign(write(tmp_path, text)), 0, 6)
     bad = [run for run in range(6) if found["initial.angular_velocity_body[0]"][run] > 1.0]
     assert len(bad) == 1
     assert [bool(error) for error in found["error"]] == [run in bad for run in range(6)]
@@ -289,7 +291,7 @@ sampling: latin_hypercube
 disperse: {body.mass: {uniform: {low: -1.0, high: 1.0}}}
 metrics: {final_rate: {final: rate}}
 """
-    found = fly_block(read_campaign(write(tmp_path, text)), 0, 4)
+    found = simulate_block(read_campaign(write(tmp_path, text)), 0, 4)
     assert sum("body.mass: found -0." in error for error in found["error"]) == 2
     assert found["passed"].sum() == 2
 
@@ -338,10 +340,10 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
     if bad == "huge":
         text = text.replace("saturation: 0.6", "saturation: 1e300")
     (tmp_path / "own_bad.py").write_text(OWN.format(**GOOD))
-    good = fly_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
+    good = simulate_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
     (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, **BAD[bad]}))
     campaign = read_campaign(write(tmp_path, text, scene))
-    found = fly_block(campaign, 0, 24)
+    found = simulate_block(campaign, 0, 24)
 
     failed = [run for run, error in enumerate(found["error"]) if error]
     reason = {
@@ -363,10 +365,10 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
         assert failed == [run for run in range(24) if good["control.parameters.gain"][run] > 1.8]
     others = [run for run in range(24) if run not in failed]
     assert [rows(found)[run] for run in others] == [rows(good)[run] for run in others]
-    parts = [row for first in (0, 1, 13) for row in rows(fly_block(campaign, first, {0: 1, 1: 13, 13: 24}[first]))]
+    parts = [row for first in (0, 1, 13) for row in rows(simulate_block(campaign, first, {0: 1, 1: 13, 13: 24}[first]))]
     assert parts == rows(found)
     with pytest.raises(FunctionError, match=reason):
-        fly_alone(campaign, failed[0])
+        simulate_alone(campaign, failed[0])
 
 
 def test_what_a_law_or_a_metric_prints_goes_to_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -375,7 +377,7 @@ def test_what_a_law_or_a_metric_prints_goes_to_stderr(tmp_path: Path, capsys: py
     text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
         "{final: rate}", "{final: own_bad.quantity}"
     )
-    fly_block(read_campaign(write(tmp_path, text)), 0, 2)
+    simulate_block(read_campaign(write(tmp_path, text)), 0, 2)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert {*printed.err.split()} == {"module", "law", "metric"}
@@ -391,7 +393,7 @@ def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
     (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, "first": "open('/none/such')"}))
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_bad.law")))
     with pytest.raises(SceneError, match=r"own_bad.law raised FileNotFoundError: .*, own_bad.py:8; what a law or a m"):
-        fly_block(campaign, 0, 2)
+        simulate_block(campaign, 0, 2)
 
 
 @pytest.mark.parametrize(("returned", "message"), [("None", "returned None, expected a function of the measurement")])
@@ -399,7 +401,7 @@ def test_a_law_that_makes_no_function(tmp_path: Path, returned: str, message: st
     (tmp_path / "own_none.py").write_text(f"def law(parameters):\n    return {returned}\n")
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))
     with pytest.raises(SceneError, match=f"control.law: own_none.law {message}; correct the law"):
-        fly_block(campaign, 0, 2)
+        simulate_block(campaign, 0, 2)
 
 
 def test_a_controller_that_cannot_be_is_a_row_with_its_reason(tmp_path: Path) -> None:
@@ -407,7 +409,7 @@ def test_a_controller_that_cannot_be_is_a_row_with_its_reason(tmp_path: Path) ->
     text = CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", "{choice: {values: [-0.05, 0.1]}}")
     more = "  control.saturation: {uniform: {low: -1, high: 1}}\n  control.noise.rate: {uniform: {low: -1, high: 1}}\n"
     campaign = read_campaign(write(tmp_path, text.replace("disperse:\n", f"disperse:\n{more}")))
-    found = fly_block(campaign, 0, 24)
+    found = simulate_block(campaign, 0, 24)
     for run, error in enumerate(found["error"]):
         wrong = [
             key
@@ -425,16 +427,16 @@ def test_a_delay_between_steps_is_flown_as_it_is(tmp_path: Path, scene: str) -> 
     fixed = "solver: {method: rk4, step: 0.05}"
     text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.01, 0.1]").replace("noise: {rate: 0.01, attitude: 0.01}", "")
     steps = [
-        fly_block(read_campaign(write(tmp_path, text, scene.replace(fixed, other))), 0, 12)
+        simulate_block(read_campaign(write(tmp_path, text, scene.replace(fixed, other))), 0, 12)
         for other in (fixed, fixed.replace("0.05", "0.01"), ACCURATE[1])
     ]
     assert set(steps[0]["control.delay"].tolist()) == {0.0, 0.01, 0.1}
     for other in steps[1:]:
         assert steps[0]["final_rate"] == pytest.approx(other["final_rate"], rel=1e-6)
     campaign = read_campaign(write(tmp_path, text, scene))
-    alone = [fly_alone(campaign, run)["final_rate"] for run in range(12)]
+    alone = [simulate_alone(campaign, run)["final_rate"] for run in range(12)]
     assert alone == steps[0]["final_rate"].tolist()
-    assert not flies_side_by_side(campaign)
+    assert not goes_side_by_side(campaign)
 
 
 @pytest.mark.parametrize(
@@ -450,11 +452,11 @@ def test_a_delay_between_steps_is_flown_as_it_is(tmp_path: Path, scene: str) -> 
 )
 def test_delays_of_whole_steps_go_side_by_side(tmp_path: Path, delay: str, expected: bool) -> None:
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("{choice: {values: [0.0, 0.1, 0.35]}}", delay)))
-    assert flies_side_by_side(campaign) == expected
+    assert goes_side_by_side(campaign) == expected
     fixed = CAMPAIGN.replace("  control.delay: {choice: {values: [0.0, 0.1, 0.35]}}\n", "")
     for value, on_grid in ((0.1, True), (0.02, False)):
         text = fixed.replace("delay: 0.1", f"delay: {value}")
-        assert flies_side_by_side(read_campaign(write(tmp_path, text))) == on_grid
+        assert goes_side_by_side(read_campaign(write(tmp_path, text))) == on_grid
 
 
 def test_an_own_law_and_an_own_quantity(tmp_path: Path) -> None:
@@ -470,6 +472,6 @@ metrics: {first: {final: own_code.first}, momentum: {final: angular_momentum}}
 """
     campaign: Campaign = read_campaign(write(tmp_path, text))
     sink = MemorySink()
-    alone = fly_alone(campaign, 1, [sink])
+    alone = simulate_alone(campaign, 1, [sink])
     assert alone["first"] == sink.samples[-1].angular_velocity_body[0]
-    assert fly_block(campaign, 0, 3)["first"].tolist() == [alone["first"]] * 3
+    assert simulate_block(campaign, 0, 3)["first"].tolist() == [alone["first"]] * 3

@@ -26,8 +26,8 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.study.campaign.block_of_runs import fly_block
-from rb_dynamics.study.campaign.engine import fly_there, run_campaign
+from rb_dynamics.study.campaign.block_of_runs import simulate_block
+from rb_dynamics.study.campaign.engine import run_campaign, simulate_on_worker
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.store import Store, read_row, read_rows
@@ -128,7 +128,7 @@ def test_workers_are_started_where_that_is_sooner(
     def note(campaign: Campaign, blocks: Iterator[tuple[int, int]], *_: object) -> Iterator[Any]:
         for block in blocks:
             flown.append(block)
-            yield fly_block(campaign, *block)
+            yield simulate_block(campaign, *block)
 
     monkeypatch.setattr("rb_dynamics.study.campaign.engine._on_workers", note)
     monkeypatch.setattr("rb_dynamics.study.campaign.engine._START_S", start_s)
@@ -248,7 +248,7 @@ def interrupted(campaign: Path, out: Path, block: int = 7) -> Path:
     read = read_campaign(campaign)
     store = Store(out, read)
     for first, last in list(store.missing(block))[:-1]:
-        store.write(fly_block(read, first, last))
+        store.write(simulate_block(read, first, last))
     return Path(f"{out}.parts")
 
 
@@ -619,7 +619,7 @@ def test_a_scheduler_that_is_not_there(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"has rb_dynamics \S+, expected 0\.0\.0 as here; install the same"):
-        fly_there(read_campaign(write(tmp_path)), "0.0.0", 0, 1)
+        simulate_on_worker(read_campaign(write(tmp_path)), "0.0.0", 0, 1)
 
 
 def test_a_cluster_flies_the_law_of_each_study(tmp_path: Path, scheduler: Path) -> None:

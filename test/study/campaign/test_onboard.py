@@ -15,10 +15,10 @@ from campaigns import CAMPAIGN, SCENE, write
 from rb_dynamics import Scene, Setpoint, Wrench, simulate
 from rb_dynamics.errors import SceneError
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
-from rb_dynamics.study.campaign.block_of_runs import fly_alone, fly_block
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.control import sharing
-from rb_dynamics.study.campaign.engine import flies_side_by_side
+from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.laws import RandomStreams
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
@@ -144,7 +144,7 @@ def seen(campaign: Campaign) -> list[Any]:
 def test_a_run_is_a_simulation_with_its_commands(tmp_path: Path) -> None:
     """And its books close: momentum and energy of the wheels are in them."""
     campaign = spacecraft(tmp_path)
-    found = fly_alone(campaign, 1, [recorder := Recorder()])
+    found = simulate_alone(campaign, 1, [recorder := Recorder()])
     again = Recorder()
     run = simulate(scene_of_run(campaign, 1), recorder.commands, [again])
 
@@ -163,11 +163,11 @@ def test_a_run_is_a_simulation_with_its_commands(tmp_path: Path) -> None:
 
 def test_a_run_is_the_same_in_any_block_and_process(tmp_path: Path) -> None:
     campaign = spacecraft(tmp_path)
-    whole = fly_block(campaign, 0, 2)
-    parts = [fly_block(pickle.loads(pickle.dumps(campaign)), run, run + 1) for run in (1, 0)]
+    whole = simulate_block(campaign, 0, 2)
+    parts = [simulate_block(pickle.loads(pickle.dumps(campaign)), run, run + 1) for run in (1, 0)]
 
     assert not any(whole["error"])
-    assert not flies_side_by_side(campaign)
+    assert not goes_side_by_side(campaign)
     for name in whole:
         assert [whole[name][run] for run in (1, 0)] == [part[name][0] for part in parts], name
     assert len(set(whole["final_rate"].tolist())) == 2
@@ -175,7 +175,7 @@ def test_a_run_is_the_same_in_any_block_and_process(tmp_path: Path) -> None:
 
 def test_a_law_hears_what_has_come_from_the_sensors(tmp_path: Path) -> None:
     campaign = spacecraft(tmp_path)
-    fly_alone(campaign, 0, [recorder := Recorder()])
+    simulate_alone(campaign, 0, [recorder := Recorder()])
 
     heard = seen(campaign)
     assert heard[0].time_s == 0.2
@@ -202,7 +202,7 @@ def test_attitude_and_rate_are_turned_from_the_frame_of_the_sensor(tmp_path: Pat
     scene = re.sub(r"noise(_density)?: 1.0e-\d", r"noise\1: 0.0", SPACECRAFT)
     scene = scene.replace("delay: 0.15", "delay: 0.0").replace("delay: 0.005", "delay: 0.0")
     campaign = spacecraft(tmp_path, re.sub(r"disperse:.*?control:", "control:", LOOP, flags=re.DOTALL), scene)
-    fly_alone(campaign, 0)
+    simulate_alone(campaign, 0)
 
     first = seen(campaign)[0]
     assert first.time_s == 0.0
@@ -257,7 +257,7 @@ def test_a_number_is_dispersed_once(tmp_path: Path) -> None:
 )
 def test_a_command_that_no_one_can_follow_stops_the_campaign(tmp_path: Path, old: str, new: str, said: str) -> None:
     with pytest.raises(SceneError, match=said):
-        fly_block(spacecraft(tmp_path, law=SPY.replace(old, new)), 0, 1)
+        simulate_block(spacecraft(tmp_path, law=SPY.replace(old, new)), 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_a_command_that_no_one_can_follow_stops_the_campaign(tmp_path: Path, old
     ],
 )
 def test_a_run_with_an_impossible_command_fails(tmp_path: Path, old: str, new: str, said: str) -> None:
-    assert re.search(said, fly_block(spacecraft(tmp_path, law=SPY.replace(old, new)), 0, 1)["error"][0])
+    assert re.search(said, simulate_block(spacecraft(tmp_path, law=SPY.replace(old, new)), 0, 1)["error"][0])
 
 
 BUILT_IN = LOOP.replace("law: spy.law", "law: attitude_pd, through: [wheel_x, wheel_y, wheel_z]").replace(
@@ -287,7 +287,7 @@ BUILT_IN = LOOP.replace("law: spy.law", "law: attitude_pd, through: [wheel_x, wh
 
 def test_wheels_give_the_torque_of_a_law(tmp_path: Path) -> None:
     campaign = spacecraft(tmp_path, BUILT_IN)
-    fly_alone(campaign, 0, [recorder := Recorder()])
+    simulate_alone(campaign, 0, [recorder := Recorder()])
     assert {topic for topic, _ in recorder.commands} == {f"wheel_{axis}/command" for axis in "xyz"}
 
     share = sharing(Scenes(campaign).base, ("wheel_x", "wheel_y", "wheel_z"))
@@ -344,7 +344,8 @@ def test_a_law_that_no_sensor_serves_is_refused(tmp_path: Path) -> None:
     ):
         spacecraft(tmp_path, BUILT_IN, scene)
     assert (
-        "no sensor of the scene measures the attitude" in fly_block(spacecraft(tmp_path, LOOP, scene), 0, 1)["error"][0]
+        "no sensor of the scene measures the attitude"
+        in simulate_block(spacecraft(tmp_path, LOOP, scene), 0, 1)["error"][0]
     )
 
 
@@ -364,10 +365,10 @@ def test_channels_of_the_scene_stay_as_they_are(tmp_path: Path) -> None:
     campaign = read_campaign(write(tmp_path, text, scene))
     jets, control = Scenes(campaign).base.channels
     assert (jets.max_force, control.max_torque, control.on_excess, control.delay) == (2.0, 0.05, "clip", 0.01)
-    assert not flies_side_by_side(campaign)
-    fly_alone(campaign, 0, [recorder := Recorder()])
+    assert not goes_side_by_side(campaign)
+    simulate_alone(campaign, 0, [recorder := Recorder()])
     assert max(np.linalg.norm(wrench.torque) for _, wrench in recorder.commands if isinstance(wrench, Wrench)) > 0.05
-    assert flies_side_by_side(read_campaign(write(tmp_path, text)))
+    assert goes_side_by_side(read_campaign(write(tmp_path, text)))
 
 
 def test_a_force_goes_side_by_side_and_alone_with_the_same_bits(tmp_path: Path) -> None:
@@ -376,9 +377,9 @@ def test_a_force_goes_side_by_side_and_alone_with_the_same_bits(tmp_path: Path) 
     )
     text = CAMPAIGN.replace("law: rate_damping", "law: spy.law").replace("{final: rate}", "{final: energy}")
     campaign = spacecraft(tmp_path, text, SCENE, law)
-    assert flies_side_by_side(campaign)
-    block = fly_block(campaign, 0, 3)
-    assert [fly_alone(campaign, run)["final_rate"] for run in range(3)] == block["final_rate"].tolist()
+    assert goes_side_by_side(campaign)
+    block = simulate_block(campaign, 0, 3)
+    assert [simulate_alone(campaign, run)["final_rate"] for run in range(3)] == block["final_rate"].tolist()
     assert len({*block["final_rate"].tolist()}) == 3
 
 
@@ -386,7 +387,7 @@ def test_a_force_goes_side_by_side_and_alone_with_the_same_bits(tmp_path: Path) 
 def test_a_run_whose_law_is_never_called_has_failed(tmp_path: Path, silent: str) -> None:
     """It would show a body without control as the result of the law."""
     campaign = spacecraft(tmp_path, scene=SPACECRAFT.replace("delay: 0.15", silent))
-    rows = fly_block(campaign, 0, 1)
+    rows = simulate_block(campaign, 0, 1)
 
     assert not seen(campaign)
     why = "control.law: spy.law was never called: it waits for a first message from tracker; correct their rate, "

@@ -14,7 +14,7 @@ import pytest
 from campaigns import CAMPAIGN, write
 from scipy import stats
 
-from rb_dynamics.study.campaign.block_of_runs import fly_block
+from rb_dynamics.study.campaign.block_of_runs import simulate_block
 from rb_dynamics.study.campaign.model import Campaign, Requirement
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs
@@ -62,7 +62,7 @@ def test_the_interval_of_a_pass_rate() -> None:
 def test_what_rows_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     campaign = read_campaign(write(tmp_path))
-    rows = fly_block(campaign, 0, 24)
+    rows = simulate_block(campaign, 0, 24)
     summary = summarise(campaign, rows)
 
     assert summary.passed == rows["passed"].sum()
@@ -209,7 +209,7 @@ def test_a_printed_command_begins_as_the_program_was_called(tmp_path: Path, monk
 def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
     text = "scene: scene.yaml\nruns: 3\nmetrics: {never: {time_to: rate, above: 100}}\n"
     campaign = read_campaign(write(tmp_path, text))
-    summary = summarise(campaign, fly_block(campaign, 0, 3))
+    summary = summarise(campaign, simulate_block(campaign, 0, 3))
     assert summary.metrics[0].missing == 3
     assert math.isnan(summary.metrics[0].mean)
     assert json.loads(json.dumps(summary.as_dict(), allow_nan=False))["metrics"][0]["mean"] is None
@@ -248,7 +248,7 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     campaign = read_campaign(write(tmp_path))
-    rows = fly_block(campaign, 0, 24)
+    rows = simulate_block(campaign, 0, 24)
     report = campaign_page.campaign_report(campaign, rows)
 
     headings = [section.heading for section in report.sections]
@@ -310,7 +310,7 @@ def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monke
     monkeypatch.setattr("rb_dynamics.study.campaign.summary.MOST_FAILURES", 2)
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     campaign = read_campaign(write(tmp_path))
-    rows = fly_block(campaign, 0, 24)
+    rows = simulate_block(campaign, 0, 24)
     rows["error"] = [*(5 * ["too fast"]), *rows["error"][5:]]
     for metric in campaign.metrics:
         rows[metric.name][:5] = math.nan

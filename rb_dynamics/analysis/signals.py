@@ -1,4 +1,4 @@
-"""`Stream`: one quantity of a motion over time, and its values between the samples, but never across a gap."""
+"""`Signal`: one quantity of a motion over time, and its values between the samples, but never across a gap."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Stream:
+class Signal:
     """Rows over time.
 
     Attributes:
@@ -36,8 +36,8 @@ class Stream:
     broken: Mask
 
     @classmethod
-    def of(cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = ()) -> Stream:
-        """Return a stream of rows, of which the first counts where several have one time.
+    def of(cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = ()) -> Signal:
+        """Return a signal of rows, of which the first counts where several have one time.
 
         Pieces that are `missing` of a recording (first and last ns) are gaps however short they are.
         """
@@ -52,15 +52,15 @@ class Stream:
         """Whether the rows are attitudes."""
         return bool(self.values.shape[1] == 4)
 
-    def within(self, begin_ns: float, end_ns: float) -> Stream:
+    def within(self, begin_ns: float, end_ns: float) -> Signal:
         """Return the samples from `begin_ns` to `end_ns`, both included."""
         first = int(self.time_ns.searchsorted(begin_ns))
         last = max(first, int(self.time_ns.searchsorted(end_ns, "right")))
-        return Stream(self.time_ns[first:last], self.values[first:last], self.broken[first : max(first, last - 1)])
+        return Signal(self.time_ns[first:last], self.values[first:last], self.broken[first : max(first, last - 1)])
 
-    def later(self, by_ns: int) -> Stream:
+    def later(self, by_ns: int) -> Signal:
         """Return the same with all times moved."""
-        return Stream(self.time_ns + by_ns, self.values, self.broken)
+        return Signal(self.time_ns + by_ns, self.values, self.broken)
 
     def at(self, time_ns: Times) -> tuple[Array, Mask]:
         """Return the values at `time_ns`, and where they are known: at samples, and between two without a gap.
@@ -112,7 +112,7 @@ def differences(first: Array, second: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class MotionStreams:
+class MotionSignals:
     """The motion of a track; None for what it does not tell.
 
     Attributes:
@@ -123,27 +123,27 @@ class MotionStreams:
         velocity_body: the same in body axes.
     """
 
-    attitude: Stream | None = None
-    position: Stream | None = None
-    rate: Stream | None = None
-    velocity_world: Stream | None = None
-    velocity_body: Stream | None = None
+    attitude: Signal | None = None
+    position: Signal | None = None
+    rate: Signal | None = None
+    velocity_world: Signal | None = None
+    velocity_body: Signal | None = None
 
     @classmethod
-    def of(cls, track: Track) -> MotionStreams:
+    def of(cls, track: Track) -> MotionSignals:
         """Return the motion of `track`; columns that nothing measures are NaN in it."""
         pose, twist, missing = track.pose, track.twist, track.bag.missing
 
-        def measured(series: TimeSeries | None, columns: slice) -> Stream | None:
+        def measured(series: TimeSeries | None, columns: slice) -> Signal | None:
             if series is None or not len(series.time_ns) or np.isnan(series.values[:, columns]).any():
                 return None
-            return Stream.of(series.time_ns, series.values[:, columns], missing)
+            return Signal.of(series.time_ns, series.values[:, columns], missing)
 
         position, attitude = measured(pose, slice(0, 3)), None
         if pose is not None:
             filled = np.linalg.norm(pose.values[:, 3:], axis=1) > 0.5
             if filled.any():
-                attitude = Stream.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing)
+                attitude = Signal.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing)
         linear, angular = measured(twist, slice(0, 3)), measured(twist, slice(3, 6))
         if track.twist_in_world:
             turned = [_turned(vectors, attitude, rotate_all_inverse) for vectors in (angular, linear)]
@@ -153,25 +153,25 @@ class MotionStreams:
     @property
     def span_ns(self) -> tuple[int, int]:
         """First and last time at which anything is known."""
-        times = [stream.time_ns for stream in vars(self).values() if stream is not None and len(stream.time_ns)]
+        times = [signal.time_ns for signal in vars(self).values() if signal is not None and len(signal.time_ns)]
         return (int(min(t[0] for t in times)), int(max(t[-1] for t in times))) if times else (0, 0)
 
     @property
     def interval_ns(self) -> float:
         """The usual interval between two samples, of the quantity in which it is longest."""
-        steps = [np.diff(stream.time_ns) for stream in vars(self).values() if stream is not None]
+        steps = [np.diff(signal.time_ns) for signal in vars(self).values() if signal is not None]
         return max((float(np.median(step)) for step in steps if len(step)), default=0.0)
 
-    def later(self, by_ns: int) -> MotionStreams:
+    def later(self, by_ns: int) -> MotionSignals:
         """Return the same with all times moved."""
-        return MotionStreams(*(stream and stream.later(by_ns) for stream in vars(self).values()))
+        return MotionSignals(*(signal and signal.later(by_ns) for signal in vars(self).values()))
 
-    def within(self, begin_ns: float, end_ns: float) -> MotionStreams:
+    def within(self, begin_ns: float, end_ns: float) -> MotionSignals:
         """Return the samples from `begin_ns` to `end_ns`, both included."""
-        return MotionStreams(*(stream and stream.within(begin_ns, end_ns) for stream in vars(self).values()))
+        return MotionSignals(*(signal and signal.within(begin_ns, end_ns) for signal in vars(self).values()))
 
 
-def _turned(vectors: Stream | None, attitude: Stream | None, turn: Callable[[Array, Array], Array]) -> Stream | None:
+def _turned(vectors: Signal | None, attitude: Signal | None, turn: Callable[[Array, Array], Array]) -> Signal | None:
     """Return vectors in other axes, at those of their times at which the attitude is known."""
     if vectors is None or attitude is None:
         return None
@@ -181,4 +181,4 @@ def _turned(vectors: Stream | None, attitude: Stream | None, turn: Callable[[Arr
     times, first = vectors.time_ns[known], np.flatnonzero(known)
     broken = np.diff(first) > 1
     broken |= vectors.broken[first[:-1]]
-    return Stream(times, turn(orientation[known], vectors.values[known]), broken)
+    return Signal(times, turn(orientation[known], vectors.values[known]), broken)
