@@ -210,7 +210,7 @@ def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:
     return replace(flight, channels=tuple(_with_points(channel, bag, scene) for channel in flight.channels))
 
 
-def _with_points(channel: Channel, bag: Bag, scene: Scene) -> Channel:
+def _with_points(channel: WrenchSeries, bag: Bag, scene: Scene) -> WrenchSeries:
     if channel.topic not in bag.topics:
         return channel
     taken = _channel_of(channel.topic, scene)
