@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
@@ -383,24 +384,7 @@ class Stepper:
         """
         if self._load_from is None or not 1.0 / NANOSECONDS < longest < math.inf:
             return longest
-        load, (mass, moments), omega = self._load_from(phase), self._inertia, phase.angular_velocity
-        velocity, held = self._velocity(phase), self._held
-        half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))
-        seen: list[tuple[float, Vector, Vector]] = []
-        for t in (0.0, *(longest * 2.0**-k for k in range(int(math.log2(longest * NANOSECONDS)), -1, -1))):
-            away = add_scaled(scale(t, velocity), t * t, half_acceleration)
-            try:
-                seen.append((t, *load(t, away, velocity, multiply(phase.orientation, exp(scale(t, omega))), omega)))
-            except ConvergenceError:
-                break
-        # A change within the rounding error of the velocities does not count.
-        least = _EPSILON / longest
-        force = max([least * mass * norm(velocity), *(0.5 * norm(sight[1]) for sight in seen)])
-        torque = max([least * min(moments) * (norm(omega) + 1.0 / longest), *(0.5 * norm(sight[2]) for sight in seen)])
-        for t, push, twist in seen:
-            if norm(subtract(push, seen[0][1])) > force or norm(subtract(twist, seen[0][2])) > torque:
-                return t
-        return longest
+        return _steady(self._load_from, self._inertia, self._held, phase, longest)
 
     def _arguments(
         self, phase: PhaseState, h: float
@@ -413,3 +397,27 @@ class Stepper:
 
     def _velocity(self, phase: PhaseState) -> Vector:
         return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
+
+
+# Each method that `auto` chooses among asks the same.
+@lru_cache(maxsize=1)
+def _steady(load_from: LoadFrom, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
+    """Return what `Stepper.steady` does."""
+    load, (mass, moments), omega = load_from(phase), inertia, phase.angular_velocity
+    velocity = scale(1.0 / mass, phase.linear_momentum_world)
+    half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))
+    seen: list[tuple[float, Vector, Vector]] = []
+    for t in (0.0, *(longest * 2.0**-k for k in range(int(math.log2(longest * NANOSECONDS)), -1, -1))):
+        away = add_scaled(scale(t, velocity), t * t, half_acceleration)
+        try:
+            seen.append((t, *load(t, away, velocity, multiply(phase.orientation, exp(scale(t, omega))), omega)))
+        except ConvergenceError:
+            break
+    # A change within the rounding error of the velocities does not count.
+    least = _EPSILON / longest
+    force = max([least * mass * norm(velocity), *(0.5 * norm(sight[1]) for sight in seen)])
+    torque = max([least * min(moments) * (norm(omega) + 1.0 / longest), *(0.5 * norm(sight[2]) for sight in seen)])
+    for t, push, twist in seen:
+        if norm(subtract(push, seen[0][1])) > force or norm(subtract(twist, seen[0][2])) > torque:
+            return t
+    return longest

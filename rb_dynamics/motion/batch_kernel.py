@@ -33,7 +33,7 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step
 from rb_dynamics.motion.phase_state import PhaseState, Sums
-from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT
+from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT, out_of_range
 from rb_dynamics.numerics.compilation import block, compiled_as, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, norm
@@ -330,15 +330,16 @@ class Mover:
         for k, (count, rest) in enumerate(zip(counts.tolist(), rests.tolist(), strict=True)):
             force, torque, force_world, torque_world = (tuple((wrench[k, i] + 0.0).tolist()) for wrench in wrenches)
             held = HeldWrench(rotate_inverse(axes, force), rotate_inverse(axes, torque), force_world, torque_world)
+            until = high[13] + low[13] + count * h + rest
             try:
                 q, w, high, low = self._plain(inertia, held, h, count, q, w, high, low, load_from)
                 if rest > 0.0:
                     q, w, high, low = self._plain(inertia, held, rest, 1, q, w, high, low, load_from)
             except ArithmeticError as error:
-                raise _out_of_range() from error
+                raise out_of_range(f"after {until:.9g} s") from error
             numbers = phase_numbers(PhaseState(q, w, high, low))
             if not all(map(math.isfinite, numbers)):
-                raise _out_of_range()
+                raise out_of_range(f"after {until:.9g} s")
             yield numbers
 
 
@@ -421,10 +422,3 @@ def _not_finite(state: Numbers) -> Counts:
 
     with np.errstate(all="ignore"):
         return np.flatnonzero(~np.isfinite(np.add.reduce(state, axis=1)))
-
-
-def _out_of_range() -> ConvergenceError:
-    return ConvergenceError(
-        "the state is no longer finite: a momentum, a position or an energy has left the range of double precision; "
-        "check the size of velocities, wrench, mass and inertia, or use a smaller step"
-    )

@@ -26,6 +26,14 @@ LARGEST_FREE_TURN = 1e15
 """Rotation (rad) beyond which doubles resolve no digit of the attitude, however exact the motion."""
 
 
+def out_of_range(when: str) -> ConvergenceError:
+    """Return the error of a run whose state is not finite."""
+    return ConvergenceError(
+        f"the state is no longer finite {when}: a momentum, a position or an energy has left the range of double "
+        "precision; check the size of velocities, wrench, mass and inertia, or use a smaller step"
+    )
+
+
 @compiled_as()
 def require_known_attitude(name: str, h: float, rate: float) -> None:
     """Check that a closed-form motion of h s at `rate` (rad/s) leaves digits of the attitude; not in a kernel.

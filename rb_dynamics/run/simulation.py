@@ -34,6 +34,7 @@ from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
 from rb_dynamics.motion.propagation import Edges, Propagated, pays
 from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
+from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
@@ -216,11 +217,24 @@ class Simulation:
         Raises:
             ConvergenceError: a step could not be solved.
         """
+        return self.sample_of(self.phase)
+
+    def sample_of(self, phase: PhaseState) -> Sample:
+        """Return what `look` returns, of `phase` as it is there."""
+        return self._observer.sample(phase, self._computed_ns)
+
+    @property
+    def phase(self) -> PhaseState:
+        """What `look` describes, as it is inside the run.
+
+        Raises:
+            ConvergenceError: a step could not be solved.
+        """
         if self._computed_ns == self.time_ns:
-            return self.sample
+            return self._phase
         phase = self._arc.at(self._computed_ns)
         _require_finite(self.scene.body, phase, self._computed_ns)
-        return self._observer.sample(phase, self._computed_ns)
+        return phase
 
     def phases(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Advance to the first of `times_ns`, which grow, or as far as one call gets; return the phases, (k, `PHASE`).
@@ -238,9 +252,7 @@ class Simulation:
         if first > self._computed_ns and (found := self._propagate_looks(times_ns)) is not None:
             return found
         self.advance(first)
-        phase = self._phase if self.time_ns == first else self._arc.at(first)
-        _require_finite(self.scene.body, phase, first)
-        return np.array([phase_numbers(phase)])
+        return np.array([phase_numbers(self.phase)])
 
     def _propagate_looks(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64] | None:
         """Return the phases at those of the times that a kernel reaches before the next edge; None if there are few."""
@@ -816,11 +828,7 @@ def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState)
 def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:
     numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
     if not all(map(math.isfinite, numbers)):
-        raise ConvergenceError(
-            f"the state is no longer finite at simulation time {time_ns / NANOSECONDS:.9g} s: a momentum, a position "
-            "or an energy has left the range of double precision; check the size of velocities, wrench, mass and "
-            "inertia, or use a smaller step"
-        )
+        raise out_of_range(f"at simulation time {time_ns / NANOSECONDS:.9g} s")
 
 
 @dataclass(frozen=True, slots=True)

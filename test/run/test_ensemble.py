@@ -311,6 +311,13 @@ def test_exact_takes_what_has_a_closed_form_alone() -> None:
         many.advance(1.0)
 
 
+def test_numbers_that_run_out_of_range_are_told_with_their_time() -> None:
+    body = RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0))
+    fast = State(linear_velocity_world=(1e305, 0.0, 0.0))
+    with pytest.raises(ConvergenceError, match=r"^the state is no longer finite after 3000 s: "):
+        Ensemble(body, [fast], "rk4", 100.0).advance(3000.0)
+
+
 def test_a_particle_moves_and_takes_no_torque() -> None:
     many = Ensemble([BODY, RigidBody.particle(2.0)], [STATE, State()], "rk4", 0.1)
     many.hold(force_world=(4.0, 0.0, 0.0), torque_body=[(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])

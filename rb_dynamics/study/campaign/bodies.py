@@ -262,7 +262,8 @@ class Alone:
         self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *newest])
         self._rejected, self._seen = 0, self._run.sample
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
-        self._first = self._run.sample
+        self._first, self._began = self._run.sample, self._run.phase
+        self._inside = bool(scene.wheels) or scene.combined_effects.storing() is not None
         self.failed: Mapping[int, str] = {}
         self._run.start()
 
@@ -270,19 +271,16 @@ class Alone:
         """Return its state; see `Bodies`."""
         import numpy as np
 
-        first, sample = self._first, self._run.look()
-        self._seen = sample
+        first, phase, began = self._first, self._run.phase, self._began
+        self._seen = sample = self._run.sample_of(phase)
         columns = {name: np.array([getattr(sample, name)]) for name in _FIELDS}
-        impulses = {
-            "impulse_world": (
-                sample.linear_momentum_world, first.linear_momentum_world, sample.linear_momentum_defect_world
-            ),
-            "torque_impulse_world": (
-                sample.angular_momentum_world, first.angular_momentum_world, sample.angular_momentum_defect_world
-            ),
-        }  # fmt: skip
-        for name, (now, before, defect) in impulses.items():
-            columns[name] = np.array([subtract(subtract(now, before), defect)])
+        torque_impulse = subtract(phase.torque_impulse_world, began.torque_impulse_world)
+        if self._inside:
+            # Without what went into the parts inside, of which the torque on the body alone knows.
+            gained = subtract(sample.angular_momentum_world, first.angular_momentum_world)
+            torque_impulse = subtract(gained, sample.angular_momentum_defect_world)
+        columns["impulse_world"] = np.array([subtract(phase.impulse_world, began.impulse_world)])
+        columns["torque_impulse_world"] = np.array([torque_impulse])
         if sample.wheel_speeds is not None:
             columns["wheel_speeds"] = np.array([sample.wheel_speeds])
         columns["clipped_commands"] = np.array([float(self._run.clipped)])

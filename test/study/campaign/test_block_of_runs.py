@@ -128,6 +128,7 @@ def work(samples): return samples.work
         "rotor, axis_body: [0, 0, 1], axial_inertia: 0.1, spin_rate: [{time: 0.3, rate: 5}, {time: 1.2, rate: 2}]",
         "scheduled_wrench, schedule: [{time: 1, force: [0, 0, 1], torque: [0, 0, 1]}]",
         "linear_drag, rotation: 0.05, translation: 0.1",
+        "linear_drag, rotation: 1.0e-18",
     ],
 )
 @pytest.mark.parametrize("solver", ["auto, accuracy: 1.0e-7", "rk4, accuracy: 1.0e-5", "rk4, step: 0.05"])
