@@ -42,8 +42,8 @@ class PhaseState(NamedTuple):
     low: Sums
 
     @classmethod
-    def of(cls, body: RigidBody, state: State) -> PhaseState:
-        """Return the phase of `body` in `state`, with work and impulses 0."""
+    def of(cls, body: RigidBody, state: State, time: float = 0.0) -> PhaseState:
+        """Return the phase of `body` in `state`, with work and impulses 0, `time` s after the start."""
         arm = rotate(state.orientation_xyzw, body.center_of_mass)
         omega = rotate_inverse(body.principal_orientation_xyzw, state.angular_velocity_body)
         spin = rotate(state.orientation_xyzw, cross(state.angular_velocity_body, body.center_of_mass))
@@ -52,7 +52,7 @@ class PhaseState(NamedTuple):
         return cls(
             multiply(state.orientation_xyzw, body.principal_orientation_xyzw),
             omega,
-            (*position, *momentum, *ZERO, *ZERO, 0.0, 0.0),
+            (*position, *momentum, *ZERO, *ZERO, 0.0, time),
             (0.0,) * _SUMS,
         )
 

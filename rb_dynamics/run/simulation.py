@@ -136,19 +136,21 @@ class Simulation:
         # Without a sink, no one sees what sensors give.
         self._sensing = Measurements(scene) if scene.sensors and self._sinks else None
 
-    def _prepare(self, scene: Scene, begin_ns: int = 0) -> None:
-        """Stand at the beginning of a run, at `begin_ns` of the time of this one."""
-        self._planned = scene, begin_ns
-        self.plan = Plan(scene, begin_ns)
+    def _prepare(self, scene: Scene, begin_ns: int = 0, channels: WrenchChannels | None = None) -> None:
+        """Stand at the beginning of a run, at `begin_ns` of the time of this one, with what `channels` hold."""
+        # Effects count time from the beginning of the run that the scene goes on from.
+        elapsed = (self._earlier_ns + begin_ns) / NANOSECONDS
+        self._planned = scene, begin_ns, elapsed
+        self.plan = Plan(*self._planned)
         self.time_ns = self._computed_ns = begin_ns
-        self._channels = _channels(scene, self._effects, self._earlier_ns)
+        self._channels = channels or _channels(scene, self._effects, self._earlier_ns)
         self._bank = None
         if scene.actuators:
             self._bank = ActuatorBank(scene.actuators, scene.body, scene.frames, self._effects.magnetic_field)
         self._knots = [nanoseconds(knot) - self._earlier_ns for knot in self._effects.knots()]
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
-        phase = PhaseState.of(scene.body, scene.initial)
+        phase = PhaseState.of(scene.body, scene.initial, elapsed)
         self._wheels = None if self._bank is None else self._bank.wheels
         if self._wheels is not None:
             phase = phase.with_inner(self._wheels.begin(phase.angular_velocity))
@@ -178,13 +180,15 @@ class Simulation:
             return True
         _logger.warning(
             "%s: the run that it continues does not come to the state in `initial`, as body, effects, solver or state "
-            "were changed: it begins anew from there with what was held, and its bits are not those of the run",
+            "were changed, or commands left out: it begins anew from there with what was held, and its bits are not "
+            "those of the run",
             self.scene.source,
         )
-        held = self._channels.outstanding()
-        self._prepare(self.scene)
-        for topic, wrench, time_ns in held:
-            self._channels.post(topic, wrench, time_ns)
+        # As they are: a command that is held began to act then, and its timeout, delay and lag count from there.
+        channels = self._channels
+        while (change_ns := channels.next_change_ns()) is not None and change_ns < 0:
+            channels.apply(change_ns)
+        self._prepare(self.scene, channels=channels)
         return False
 
     def _go_quietly(self) -> None:
@@ -351,7 +355,7 @@ class Simulation:
                 opened.pop_all()
         self._outputs = 1
         self.write(self.sample)
-        if self.continues:
+        if self.scene.past is not None:
             self._write_changes(self._channels.standing(0, self._phase.orientation))
         self._measure()
 

@@ -50,8 +50,10 @@ class Plan:
         description: as text.
     """
 
-    def __init__(self, scene: Scene, begin_ns: int = 0) -> None:
+    def __init__(self, scene: Scene, begin_ns: int = 0, elapsed: float = 0.0) -> None:
         """Choose the smallest model that meets `scene.solver`, for a run that begins at `begin_ns`.
+
+        `elapsed` is the time (s) of its first phase: of effects, which may count from an earlier run.
 
         Raises:
             SceneError: the method does not support the effects of the scene.
@@ -59,10 +61,12 @@ class Plan:
         self._scene = scene
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
-        self._from_ns, self._from, self._course = begin_ns, PhaseState.of(scene.body, scene.initial), RoundingHistory()
+        self._from_ns, self._course = begin_ns, RoundingHistory()
+        self._from = PhaseState.of(scene.body, scene.initial, elapsed)
         self._start = self._from.center_of_mass_world
         self._ends = bool(scene.duration)
-        self._horizon = scene.duration or OPEN_END_HORIZON
+        self._length = scene.duration or OPEN_END_HORIZON
+        self._horizon = self._length + elapsed if self._ends else self._length
         effects, body = scene.combined_effects, scene.body
         slowing, sight, strength = (
             None if part is None else _of_phase(part, body)
@@ -224,7 +228,7 @@ class Plan:
             return "in closed form"
         if solver.step is not None:
             return f"step {solver.step!r} s"
-        return f"steps for an accuracy of {self._accuracy!r} after {self._horizon!r} s"
+        return f"steps for an accuracy of {self._accuracy!r} after {self._length!r} s"
 
 
 def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +32,9 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
+
+# Commands of a run that a scene takes along if it cannot take all.
+_KEPT = 500
 
 
 @dataclass(frozen=True)
@@ -101,10 +104,23 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         if not received:
             raise
     notes.append(
-        f"{len(received)} commands before it are too many for a scene: it begins with the state of the run, but method "
-        "and books begin anew, so that later bits differ"
+        f"{len(received)} commands before it are too many for a scene: it takes the last ones along, and begins with "
+        "the state of the run and what was held, but method and books begin anew, so that later bits differ"
     )
-    return SceneAt(_text(scene, changes), tuple(notes), later)
+    if any(channel.lag for channel in scene.channels):
+        notes.append("what follows its commands with a lag does so from those that are kept")
+    past = _past(scene, received, time_ns, _newest)
+    return SceneAt(_text(scene, changes | {"continues": past}), tuple(notes), bool(scene.channels))
+
+
+_Commands = list[tuple[str, Wrench, int]]
+
+
+def _newest(commands: _Commands) -> _Commands:
+    """Return the newest commands, and of each other channel the last one: what they hold goes on."""
+    last = {topic: number for number, (topic, _, _) in enumerate(commands)}
+    kept = sorted({*last.values(), *range(max(0, len(commands) - _KEPT), len(commands))})
+    return [commands[number] for number in kept]
 
 
 class _Part:
@@ -251,10 +267,12 @@ def _initial(state: State) -> dict[str, object]:
     }
 
 
-def _past(scene: Scene, commands: list[tuple[str, Wrench, int]], time_ns: int) -> dict[str, object]:
-    """Return the run until `time_ns`, with what came before the scene itself."""
+def _past(
+    scene: Scene, commands: _Commands, time_ns: int, some: Callable[[_Commands], _Commands] = list
+) -> dict[str, object]:
+    """Return the run until `time_ns`, with what came before the scene itself, and `some` of all commands."""
     before = scene.past or Past(0, scene.initial, scene.duration)
-    all_commands = [*before.commands, *((topic, wrench, at + before.length_ns) for topic, wrench, at in commands)]
+    all_commands = some([*before.commands, *((topic, wrench, at + before.length_ns) for topic, wrench, at in commands)])
     duration = {} if before.duration is None else {"duration": before.duration}
     return {
         "after_ns": before.length_ns + time_ns,

@@ -14,8 +14,10 @@ from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown, fly
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
+from rb_dynamics.formats.yaml import document
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study import resume
 from rb_dynamics.study.resume import scene_at
 
 __all__ = ["coasting", "flight", "flown"]
@@ -144,6 +146,40 @@ def test_at_its_end_it_is_the_last_state_and_goes_on_as_long_as_is_said(
     assert rb.read_scene(target).duration is None
     longer = rb.simulate(rb.parse_scene(SCENE, overrides={"duration": 5.0}), COMMANDS)
     assert bits(rb.simulate(rb.read_scene(target, {"duration": 2.0}))) == bits(longer)
+
+
+TIMED = """
+body: {mass: 4.0, inertia: {matrix: [[0.5, 0.02, -0.01], [0.02, 0.7, 0.03], [-0.01, 0.03, 0.9]]}}
+initial: {angular_velocity_body: [0.3, -0.4, 0.5]}
+effects:
+  - {type: rotor, axis_body: [1, 2, 0], axial_inertia: 0.05, spin_rate: [{time: 0, rate: 2}, {time: 2, rate: 9}]}
+  - {type: scheduled_wrench, frame_id: body, schedule: [{time: 0.2, force: [0, 0, 0], torque: [0.1, 0, 0]},
+                                                        {time: 1.8, force: [0, 1, 0], torque: [0, 0, 0]}]}
+wrenches: [{topic: thrust, timeout: 0.9, delay: 0.3}, {topic: push, lag: 0.4}]
+solver: {method: dop853, accuracy: 1.0e-10}
+duration: 3.0
+output_rate: 50
+"""
+AT_NS = 1_250_000_000
+
+
+@pytest.mark.parametrize("why", ["another body", "too many commands"])
+def test_one_that_begins_anew_goes_on_by_the_clock_of_the_run(
+    tmp_path: Path, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ramps of a rotor and schedules, and the age of what is held: its timeout, delay and lag."""
+    whole = fly(tmp_path / "run.mcap", TIMED, COMMANDS)
+    overrides = {"body.mass": 4.0 * (1.0 + 1e-14)}
+    if why == "too many commands":
+        commands = [*COMMANDS, *(("push", rb.Wrench((0.0, 0.0, 0.1), stamp_ns=k)) for k in range(60))]
+        whole, overrides = fly(tmp_path / "run.mcap", TIMED, commands), {}
+        monkeypatch.setattr(document, "MAX_CHARACTERS", 4000)
+        monkeypatch.setattr(resume, "_KEPT", 5)
+    found = scene_at(whole.log, AT_NS)
+    assert ("too many" in str(found.notes)) == (why == "too many commands")
+    rest = rb.simulate(rb.parse_scene(found.text, overrides=overrides), list(later(AT_NS))).sample
+    for name in ("angular_velocity_body", "linear_velocity_world", "orientation_xyzw", "angular_momentum_world"):
+        assert getattr(rest, name) == pytest.approx(getattr(whole.result.sample, name), abs=1e-9)
 
 
 def test_another_body_begins_anew_from_that_state_and_that_is_said(
