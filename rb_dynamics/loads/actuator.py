@@ -7,13 +7,15 @@ follows from its commands and is the business of `actuator_bank.py`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.channels import topic_fault
 from rb_dynamics.loads.effect import Effect
-from rb_dynamics.numerics.argument_checks import instance, number, shown, whole_number
+from rb_dynamics.loads.ranges import Range, check_numbers
+from rb_dynamics.numerics.argument_checks import instance, shown, whole_number
 
 COMMAND = "/command"
 """What follows the name of an actuator in the topic of its commands."""
@@ -75,25 +77,28 @@ class Actuator(Effect):
 
     Attributes:
         needs_field: whether it acts in a magnetic field.
+        ranges: of its numbers.
         unit: of its commands.
         name: the first part of its topics.
     """
 
     needs_field: ClassVar[bool] = False
+    ranges: ClassVar[Mapping[str, Range]]
     delay: ClassVar[float] = 0.0
 
     name: str
 
     def __post_init__(self) -> None:
-        """Refuse a name that cannot be a topic.
+        """Refuse a name that cannot be a topic, and numbers out of range.
 
         Raises:
-            TypeError: it is no text.
-            SceneError: it is no topic.
+            TypeError: an argument is not of its type.
+            SceneError: it is no topic, or a number is out of range.
         """
         instance(self.name, str, f"{self.kind}: name", "write a text")
         if fault := topic_fault(self.name) or topic_fault(self.topic):
             raise SceneError(f"{self.kind}: name is {shown(self.name)}, expected {fault[0]}; {fault[1]}")
+        check_numbers(self)
 
     @property
     def topic(self) -> str:
@@ -117,10 +122,6 @@ class Actuator(Effect):
 
     def _accept(self, value: float) -> Accepted:
         raise NotImplementedError
-
-    def _number(self, name: str, expected: str, **limits: float) -> None:
-        value = number(getattr(self, name), f"{self.kind}: {name}", expected, SceneError, **limits)
-        object.__setattr__(self, name, value)
 
 
 def clipped(value: float, limit: float) -> Accepted:

@@ -5,6 +5,7 @@ The fluid is at rest and has no surface; its resistance is drag, and its added m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -13,7 +14,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import number, vector
+from rb_dynamics.loads.ranges import Range, check_numbers, check_vector, read_numbers
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, dot, scale, subtract
 
@@ -47,6 +48,10 @@ class Buoyancy(Effect):
     kind: ClassVar[str] = "buoyancy"
     takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("volume", "density", "acceleration_world", "center_body")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "volume": Range("a number greater than 0 (m^3)", "write what is displaced", above=0.0),
+        "density": Range("a number greater than 0 (kg/m^3)", "for sea water 1025", above=0.0),
+    }
 
     volume: float
     density: float
@@ -57,10 +62,9 @@ class Buoyancy(Effect):
     def read(cls, entry: SceneEntry) -> Buoyancy:
         """Return the effect of an entry."""
         return cls(
-            entry.number("volume", "a number greater than 0 (m^3)", lambda v: v > 0.0, "write what is displaced"),
-            entry.number("density", "a number greater than 0 (kg/m^3)", lambda v: v > 0.0, "for sea water 1025"),
-            entry.vector("acceleration_world", "a finite number (m/s^2)"),
-            entry.vector("center_body", "a finite number (m)", ZERO),
+            acceleration_world=entry.vector("acceleration_world", "a finite number (m/s^2)"),
+            center_body=entry.vector("center_body", "a finite number (m)", ZERO),
+            **read_numbers(cls, entry),
         )
 
     def __post_init__(self) -> None:
@@ -70,13 +74,9 @@ class Buoyancy(Effect):
             TypeError: an argument is not of its type.
             SceneError: a number is not finite, or volume or density not greater than 0.
         """
-        for name, expected in (("volume", "a volume (m^3)"), ("density", "a density (kg/m^3)")):
-            found = number(
-                getattr(self, name), f"buoyancy: {name}", f"{expected} greater than 0", SceneError, above=0.0
-            )
-            object.__setattr__(self, name, found)
-        for name, expected in (("acceleration_world", "an acceleration (m/s^2)"), ("center_body", "a point (m)")):
-            object.__setattr__(self, name, vector(getattr(self, name), f"buoyancy: {name}", expected, SceneError))
+        check_numbers(self)
+        check_vector(self, "acceleration_world", "an acceleration (m/s^2)")
+        check_vector(self, "center_body", "a point (m)")
 
     def check(self, body: RigidBody) -> None:
         """Refuse to turn a particle.

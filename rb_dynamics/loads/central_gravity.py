@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effect import Effect, Field, Point, Potential, Sight, Wrenching
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import number, truth, vector
+from rb_dynamics.loads.ranges import Range, check_numbers, check_vector, read_numbers
+from rb_dynamics.numerics.argument_checks import truth
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
@@ -86,6 +88,11 @@ class CentralGravity(Effect):
     kind: ClassVar[str] = "central_gravity"
     takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("gravitational_parameter", "center_world", "gravity_gradient")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "gravitational_parameter": Range(
+            "a number greater than 0 (m^3/s^2)", "write mu = G M, for the Earth 3.986004418e14", above=0.0
+        )
+    }
 
     gravitational_parameter: float
     center_world: Vector = ZERO
@@ -94,12 +101,8 @@ class CentralGravity(Effect):
     @classmethod
     def read(cls, entry: SceneEntry) -> CentralGravity:
         """Return the effect of an entry."""
-        remedy = "write mu = G M, for the Earth 3.986004418e14"
-        return cls(
-            entry.number("gravitational_parameter", "a number greater than 0 (m^3/s^2)", lambda v: v > 0.0, remedy),
-            entry.vector("center_world", "a finite number (m)", ZERO),
-            entry.flag("gravity_gradient"),
-        )
+        center = entry.vector("center_world", "a finite number (m)", ZERO)
+        return cls(**read_numbers(cls, entry), center_world=center, gravity_gradient=entry.flag("gravity_gradient"))
 
     def __post_init__(self) -> None:
         """Refuse a centre that does not attract.
@@ -108,14 +111,8 @@ class CentralGravity(Effect):
             TypeError: an argument is not of its type.
             SceneError: a number is not finite, or the gravitational parameter not greater than 0.
         """
-        name, expected = (
-            "central_gravity: gravitational_parameter",
-            "mu = G M, a finite number greater than 0 (m^3/s^2)",
-        )
-        mu = number(self.gravitational_parameter, name, expected, SceneError, above=0.0)
-        object.__setattr__(self, "gravitational_parameter", mu)
-        center = vector(self.center_world, "central_gravity: center_world", "a point (m)", SceneError)
-        object.__setattr__(self, "center_world", center)
+        check_numbers(self)
+        check_vector(self, "center_world", "a point (m)")
         gradient = truth(self.gravity_gradient, "central_gravity: gravity_gradient")
         object.__setattr__(self, "gravity_gradient", gradient)
 

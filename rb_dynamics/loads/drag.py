@@ -10,7 +10,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import vector
+from rb_dynamics.loads.ranges import check_vector
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
@@ -94,15 +94,13 @@ class _Drag(Effect):
             SceneError: one is negative, or not finite.
         """
         for name in ("translation", "rotation"):
-            found = vector(getattr(self, name), f"{self.kind}: {name}", "a coefficient for each body axis", SceneError)
-            if min(found) < 0.0:
+            check_vector(self, name, "a coefficient for each body axis")
+            if min(found := getattr(self, name)) < 0.0:
                 raise SceneError(
                     f"{self.kind}: {name} is {found}, expected coefficients of 0 or more: drag takes energy out, write "
                     "them without a sign"
                 )
-            object.__setattr__(self, name, found)
-        wind = vector(self.medium_velocity_world, f"{self.kind}: medium_velocity_world", "a velocity (m/s)", SceneError)
-        object.__setattr__(self, "medium_velocity_world", wind)
+        check_vector(self, "medium_velocity_world", "a velocity (m/s)")
 
     def check(self, body: RigidBody) -> None:
         """Refuse rotational drag on a particle.

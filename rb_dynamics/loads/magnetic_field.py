@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Field
 from rb_dynamics.loads.igrf import EPOCH, field_in_world, terms_at
-from rb_dynamics.numerics.argument_checks import instance, shown, vector
+from rb_dynamics.loads.ranges import check_vector
+from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
 
 if TYPE_CHECKING:
@@ -89,13 +90,9 @@ class MagneticField(Effect):
             )
         if self.model == "igrf":
             terms_at(instance(self.epoch, str, "magnetic_field: epoch", "write a text"))
-        for name, what in (
-            ("field_world", "a flux density (T)"),
-            ("moment_world", "a dipole moment (A m^2)"),
-            ("center_world", "a point (m)"),
-        ):
-            value = vector(getattr(self, name), f"magnetic_field: {name}", what, SceneError)
-            object.__setattr__(self, name, value)
+        check_vector(self, "field_world", "a flux density (T)")
+        check_vector(self, "moment_world", "a dipole moment (A m^2)")
+        check_vector(self, "center_world", "a point (m)")
 
     def magnetic_field_at(self, time: float) -> Field:
         """Return B (T) at a time (s of the run) and a place."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import vector
-from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
+from rb_dynamics.loads.ranges import Range, check_vector, read_numbers
+from rb_dynamics.numerics.vector import Vector, norm, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
@@ -30,6 +30,9 @@ class Magnetorquer(Actuator):
     kind: ClassVar[str] = "magnetorquer"
     takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("name", "axis", "max_dipole")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "max_dipole": Range("a number greater than 0 (A m^2)", "write its largest dipole", above=0.0)
+    }
     needs_field: ClassVar[bool] = True
 
     axis: Vector
@@ -43,11 +46,7 @@ class Magnetorquer(Actuator):
             SceneError: a number is out of range, or there is no axis.
         """
         super().__post_init__()
-        axis = vector(self.axis, "magnetorquer: axis", "the direction of its axis", SceneError)
-        if axis == ZERO:
-            raise SceneError("magnetorquer: axis is zero, expected the direction of its axis; write one, as (0, 0, 1)")
-        object.__setattr__(self, "axis", axis)
-        self._number("max_dipole", "a dipole greater than 0 (A m^2)", above=0.0)
+        check_vector(self, "axis", "the direction of its axis", direction=True)
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Magnetorquer:
@@ -55,9 +54,7 @@ class Magnetorquer(Actuator):
         return cls(
             name=entry.name or "magnetorquer",
             axis=entry.direction("axis", "write its axis in the body, such as [0, 0, 1]"),
-            max_dipole=entry.number(
-                "max_dipole", "a number greater than 0 (A m^2)", lambda v: v > 0.0, "write its largest dipole"
-            ),
+            **read_numbers(cls, entry),
         )
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,9 +11,10 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import number, shown, vector
+from rb_dynamics.loads.ranges import Range, check_vector, read_numbers
+from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale
+from rb_dynamics.numerics.vector import Vector, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -49,6 +51,11 @@ class ReactionWheel(Actuator):
     keys: ClassVar[tuple[str, ...]] = (
         *("name", "axis", "inertia", "command", "max_torque", "max_speed", "friction", "speed"),
     )
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "inertia": Range("a number greater than 0 (kg m^2)", "write its inertia about its own axis", above=0.0),
+        "coulomb": Range("0 or more (N m)", "write 0 for none", least=0.0),
+        "viscous": Range("0 or more (N m s/rad)", "write 0 for none", least=0.0),
+    }
 
     axis: Vector
     inertia: float
@@ -67,21 +74,16 @@ class ReactionWheel(Actuator):
             SceneError: a number is out of range, or there is no axis or no such command.
         """
         super().__post_init__()
-        axis = vector(self.axis, "reaction_wheel: axis", "the direction of its axis", SceneError)
-        if axis == ZERO:
-            raise SceneError("reaction_wheel: axis is zero, expected the direction of its axis; write one: (0, 0, 1)")
-        object.__setattr__(self, "axis", axis)
-        self._number("inertia", "its inertia about its axis, greater than 0 (kg m^2)", above=0.0)
+        check_vector(self, "axis", "the direction of its axis", direction=True)
         for name in ("max_torque", "max_speed"):
             if (limit := getattr(self, name)) != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(
                     self, name, number(limit, f"reaction_wheel: {name}", expected, SceneError, above=0.0)
                 )
-        self._number("coulomb", "a torque of 0 or more (N m)", least=0.0)
-        self._number("viscous", "a number of 0 or more (N m s/rad)", least=0.0)
-        expected = "a speed within max_speed (rad/s)"
-        self._number("speed", expected, least=-self.max_speed, most=self.max_speed)
+        limits = {"least": -self.max_speed, "most": self.max_speed}
+        speed = number(self.speed, "reaction_wheel: speed", "a speed within max_speed (rad/s)", SceneError, **limits)
+        object.__setattr__(self, "speed", speed)
         if self.command not in COMMANDS:
             raise SceneError(f"reaction_wheel: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
         if self.command == "speed" and self.max_torque == math.inf:
@@ -96,11 +98,6 @@ class ReactionWheel(Actuator):
         if entry.is_particle:
             entry.reject("no reaction wheel, as a body without inertia is a particle", "add body.inertia or remove it")
         friction = entry.inner("friction", ("coulomb", "viscous"))
-        sizes = {"coulomb": 0.0, "viscous": 0.0}
-        if friction is not None:
-            for name, unit in (("coulomb", "N m"), ("viscous", "N m s/rad")):
-                size = friction.number(name, f"0 or more ({unit})", lambda v: v >= 0.0, "write 0 for none", 0.0)
-                sizes[name] = size
         limits = {
             name: entry.number(name, f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for none")
             for name, unit in (("max_torque", "N m"), ("max_speed", "rad/s"))
@@ -109,13 +106,11 @@ class ReactionWheel(Actuator):
         return cls(
             name=entry.name or "wheel",
             axis=entry.direction("axis", "write its axis in the body, such as [1, 0, 0]"),
-            inertia=entry.number(
-                "inertia", "a number greater than 0 (kg m^2)", lambda v: v > 0.0, "write its inertia about its own axis"
-            ),
             command=entry.choice("command", COMMANDS, COMMANDS[0]),
             speed=entry.number("speed", "a finite number (rad/s)", default=0.0),
             **limits,
-            **sizes,
+            **read_numbers(cls, entry, ("inertia",)),
+            **(read_numbers(cls, friction, ("coulomb", "viscous")) if friction else {}),
         )
 
     @property

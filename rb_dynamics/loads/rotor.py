@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
@@ -11,7 +12,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.numerics.argument_checks import items, number, shown, vector
+from rb_dynamics.loads.ranges import Range, check_numbers, check_vector, read_numbers
+from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.numerics.nanoseconds import on_nanosecond
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, dot, norm, scale, subtract
@@ -66,6 +68,9 @@ class Rotor(Effect):
     kind: ClassVar[str] = "rotor"
     takes: ClassVar[LoadDependence] = LoadDependence.ANY
     keys: ClassVar[tuple[str, ...]] = ("axis_body", "axial_inertia", "spin_rate")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "axial_inertia": Range("a number greater than 0 (kg m^2)", "write its inertia about its own axis", above=0.0)
+    }
 
     axis_body: Vector
     axial_inertia: float
@@ -76,11 +81,8 @@ class Rotor(Effect):
         """Return the effect of an entry."""
         if entry.is_particle:
             entry.reject("no rotor, as a body without inertia is a particle", "add body.inertia or remove it")
-        axis = entry.vector("axis_body", "a finite number")
-        if axis == ZERO:
-            entry.reject("a direction, not zero", "write the rotor's axis, such as [0, 0, 1]", "axis_body")
-        positive, remedy = "a number greater than 0 (kg m^2)", "write the rotor's inertia about its own axis"
-        inertia = entry.number("axial_inertia", positive, lambda v: v > 0.0, remedy)
+        axis = entry.direction("axis_body", "write the rotor's axis, such as [0, 0, 1]")
+        inertia = read_numbers(cls, entry)["axial_inertia"]
         if entry.is_list("spin_rate"):
             knots = entry.timeline("spin_rate", ("rate",), "a list", "write {time:, rate:} entries")
             return cls(axis, inertia, tuple((time, at.number("rate", _RATE)) for time, at in knots))
@@ -93,13 +95,8 @@ class Rotor(Effect):
             TypeError: an argument is not of its type.
             SceneError: no rotor is like that.
         """
-        axis = vector(self.axis_body, "rotor: axis_body", "the direction of its axis", SceneError)
-        if axis == ZERO:
-            raise SceneError("rotor: axis_body is zero, expected the direction of its axis; write one, as (0, 0, 1)")
-        expected = "its inertia about its axis, a finite number greater than 0 (kg m^2)"
-        inertia = number(self.axial_inertia, "rotor: axial_inertia", expected, SceneError, above=0.0)
-        object.__setattr__(self, "axis_body", axis)
-        object.__setattr__(self, "axial_inertia", inertia)
+        check_vector(self, "axis_body", "the direction of its axis", direction=True)
+        check_numbers(self)
         knots = tuple(map(_knot, count(), items(self.spin_rate, "rotor: spin_rate", "(time, rate) pairs")))
         times = [time for time, _ in knots]
         if not knots or times[0] < 0.0 or any(later <= earlier for earlier, later in pairwise(times)):

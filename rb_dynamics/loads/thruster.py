@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.ranges import Range, read_numbers
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST
@@ -39,6 +41,14 @@ class Thruster(Actuator):
 
     kind: ClassVar[str] = "thruster"
     keys: ClassVar[tuple[str, ...]] = ("name", "frame", "force", "command", "minimum_on", "delay", "rise", "fall")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "force": Range("a number greater than 0 (N)", "write its force", above=0.0),
+        "minimum_on": Range("0 or more (s)", "write 0 for none", least=0.0),
+        **dict.fromkeys(
+            ("delay", "rise", "fall"),
+            Range(f"a time from 0 to {LONGEST:.1e} (s)", "write 0 for none", least=0.0, most=LONGEST),
+        ),
+    }
 
     frame: str
     force: float
@@ -57,10 +67,6 @@ class Thruster(Actuator):
         """
         super().__post_init__()
         instance(self.frame, str, "thruster: frame", "write the name of a frame")
-        self._number("force", "a force greater than 0 (N)", above=0.0)
-        self._number("minimum_on", "a time of 0 or more (s)", least=0.0)
-        for name in ("delay", "rise", "fall"):
-            self._number(name, f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
         if self.command not in COMMANDS:
             raise SceneError(f"thruster: command is {shown(self.command)}, expected {' or '.join(COMMANDS)}")
 
@@ -75,13 +81,8 @@ class Thruster(Actuator):
         return cls(
             name=entry.name or "thruster",
             frame=frame,
-            force=entry.number("force", "a number greater than 0 (N)", lambda v: v > 0.0, "write its force"),
             command=entry.choice("command", COMMANDS, COMMANDS[0]),
-            minimum_on=entry.number("minimum_on", "0 or more (s)", lambda v: v >= 0.0, "write 0 for none", 0.0),
-            **{
-                name: entry.number(name, "0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0)
-                for name in ("delay", "rise", "fall")
-            },
+            **read_numbers(cls, entry),
         )
 
     @property

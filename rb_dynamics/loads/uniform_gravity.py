@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Field, Point, Potential
+from rb_dynamics.loads.ranges import check_vector
 from rb_dynamics.loads.wrench import WORLD, Wrench
-from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.vector import Vector, dot, scale
 
 if TYPE_CHECKING:
@@ -32,8 +31,7 @@ class UniformGravity(Effect):
             TypeError: it is not three numbers.
             SceneError: one of them is not finite.
         """
-        name, expected = "uniform_gravity: acceleration_world", "an acceleration (m/s^2)"
-        object.__setattr__(self, "acceleration_world", vector(self.acceleration_world, name, expected, SceneError))
+        check_vector(self, "acceleration_world", "an acceleration (m/s^2)")
 
     @classmethod
     def read(cls, entry: SceneEntry) -> UniformGravity:

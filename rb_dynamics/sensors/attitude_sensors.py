@@ -7,22 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.ranges import Range, check_vector
 from rb_dynamics.loads.wrench import FixedFrame
-from rb_dynamics.numerics.argument_checks import vector
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, norm, scale
+from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, norm, scale
 from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
-from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common, diagonal
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, diagonal
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
 
-_SIZE, _NO_SIGN = "a number of 0 or more", "write a size without a sign"
 
-
-def _size(entry: SceneEntry, name: str, unit: str) -> float:
-    return entry.number(name, f"{_SIZE} ({unit})", lambda v: v >= 0.0, _NO_SIGN, 0.0)
+def _size(unit: str) -> Range:
+    return Range(f"a number of 0 or more ({unit})", "write a size without a sign", least=0.0)
 
 
 def _turned(orientation: Quaternion, size: float, numbers: Four) -> Quaternion:
@@ -42,24 +39,15 @@ class StarTracker(Sensor):
     message: ClassVar[str] = "geometry_msgs/msg/QuaternionStamped"
     in_world: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ("noise",)
+    ranges: ClassVar[Mapping[str, Range]] = {**Sensor.ranges, "noise": _size("rad")}
     values: ClassVar[Mapping[str, slice]] = {"orientation_xyzw": slice(0, 4)}
 
     noise: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the arguments, as `Sensor` does."""
-        super().__post_init__()
-        self._number("noise", f"{_SIZE} (rad)", least=0.0)
 
     @property
     def ideal(self) -> StarTracker:
         """The same sensor without errors and losses."""
         return replace(self, dropout=0.0, noise=0.0)
-
-    @classmethod
-    def read(cls, entry: SceneEntry) -> StarTracker:
-        """Return the sensor of an entry."""
-        return cls(**common(entry)._asdict(), noise=_size(entry, "noise", "rad"))
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""
@@ -84,27 +72,20 @@ class PoseSensor(Sensor):
     message: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
     in_world: ClassVar[bool] = True
     keys: ClassVar[tuple[str, ...]] = ("position_noise", "orientation_noise")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        **Sensor.ranges,
+        "position_noise": _size("m"),
+        "orientation_noise": _size("rad"),
+    }
     values: ClassVar[Mapping[str, slice]] = {"position_world": slice(0, 3), "orientation_xyzw": slice(3, 7)}
 
     position_noise: float = 0.0
     orientation_noise: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check the arguments, as `Sensor` does."""
-        super().__post_init__()
-        self._number("position_noise", f"{_SIZE} (m)", least=0.0)
-        self._number("orientation_noise", f"{_SIZE} (rad)", least=0.0)
-
     @property
     def ideal(self) -> PoseSensor:
         """The same sensor without errors and losses."""
         return replace(self, dropout=0.0, position_noise=0.0, orientation_noise=0.0)
-
-    @classmethod
-    def read(cls, entry: SceneEntry) -> PoseSensor:
-        """Return the sensor of an entry."""
-        noise = _size(entry, "position_noise", "m"), _size(entry, "orientation_noise", "rad")
-        return cls(**common(entry)._asdict(), position_noise=noise[0], orientation_noise=noise[1])
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""
@@ -133,6 +114,13 @@ class SunSensor(Sensor):
     kind: ClassVar[str] = "sun_sensor"
     message: ClassVar[str] = "geometry_msgs/msg/Vector3Stamped"
     keys: ClassVar[tuple[str, ...]] = ("direction_world", "noise", "field_of_view")
+    ranges: ClassVar[Mapping[str, Range]] = {
+        **Sensor.ranges,
+        "noise": _size("rad"),
+        "field_of_view": Range(
+            "an angle greater than 0 and at most pi (rad)", "leave it out to see all around", above=0.0, most=math.pi
+        ),
+    }
     values: ClassVar[Mapping[str, slice]] = {"direction": slice(0, 3)}
 
     direction_world: Vector
@@ -147,13 +135,7 @@ class SunSensor(Sensor):
             SceneError: a number is out of range, or there is no direction.
         """
         super().__post_init__()
-        name = "sun_sensor: direction_world"
-        direction = vector(self.direction_world, name, "the direction of the sun", SceneError)
-        if direction == ZERO:
-            raise SceneError(f"{name} is zero, expected the direction of the sun; write one, as (1, 0, 0)")
-        object.__setattr__(self, "direction_world", direction)
-        self._number("noise", f"{_SIZE} (rad)", least=0.0)
-        self._number("field_of_view", "an angle greater than 0 and at most pi (rad)", above=0.0, most=math.pi)
+        check_vector(self, "direction_world", "the direction of the sun", direction=True)
 
     @property
     def may_be_silent(self) -> bool:
@@ -168,14 +150,8 @@ class SunSensor(Sensor):
     @classmethod
     def read(cls, entry: SceneEntry) -> SunSensor:
         """Return the sensor of an entry."""
-        direction = entry.vector("direction_world", "a finite number")
-        if direction == ZERO:
-            entry.reject("a direction, not zero", "write where the sun is, such as [1, 0, 0]", "direction_world")
-            direction = (1.0, 0.0, 0.0)
-        expected, remedy = "an angle greater than 0 and at most pi (rad)", "leave it out to see all around"
-        view = entry.number("field_of_view", expected, lambda v: 0.0 < v <= math.pi, remedy, math.pi)
-        noise = _size(entry, "noise", "rad")
-        return cls(**common(entry)._asdict(), direction_world=direction, noise=noise, field_of_view=view)
+        direction = entry.direction("direction_world", "write where the sun is, such as [1, 0, 0]")
+        return cls(**cls._common(entry), direction_world=direction)
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""

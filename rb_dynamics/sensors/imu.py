@@ -12,7 +12,7 @@ from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import add, cross, subtract
 from rb_dynamics.sensors.axis_errors import AXIS_KEYS, AxisErrors
 from rb_dynamics.sensors.random_numbers import RandomNumbers
-from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
@@ -57,7 +57,7 @@ class Imu(Sensor):
     def read(cls, entry: SceneEntry) -> Imu:
         """Return the sensor of an entry."""
         gyro, accelerometer = (AxisErrors.read(entry.inner(name, AXIS_KEYS)) for name in cls.keys)
-        return cls(**common(entry)._asdict(), gyro=gyro, accelerometer=accelerometer)
+        return cls(**cls._common(entry), gyro=gyro, accelerometer=accelerometer)
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""

@@ -12,7 +12,7 @@ from rb_dynamics.numerics.rotation import multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import add
 from rb_dynamics.sensors.axis_errors import AXIS_KEYS, AxisErrors
 from rb_dynamics.sensors.random_numbers import RandomNumbers
-from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, common
+from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
@@ -47,7 +47,7 @@ class Magnetometer(Sensor):
     @classmethod
     def read(cls, entry: SceneEntry) -> Magnetometer:
         """Return the sensor of an entry."""
-        return cls(**common(entry)._asdict(), errors=AxisErrors.read(entry))
+        return cls(**cls._common(entry), errors=AxisErrors.read(entry))
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Field
+from rb_dynamics.loads.ranges import Range, check_numbers, read_numbers
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
-from rb_dynamics.numerics.argument_checks import instance, number, shown
+from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
@@ -62,6 +63,7 @@ class Sensor:
         in_world: whether their `frame_id` is the world, not the sensor's own frame.
         needs_field: whether it measures a magnetic field.
         keys: of its entry in the scene, beside `type` and `COMMON_KEYS`.
+        ranges: of its numbers.
         values: what it measures, each by its place in the numbers of a message.
         name: its topic.
         rate: samples per second of simulation time.
@@ -75,6 +77,18 @@ class Sensor:
     in_world: ClassVar[bool] = False
     needs_field: ClassVar[bool] = False
     keys: ClassVar[tuple[str, ...]] = ()
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "rate": Range(
+            f"a number from {1.0 / LONGEST:.1e} to {float(NANOSECONDS):g} (Hz)",
+            "write how many samples a second it takes, such as 100",
+            least=1.0 / LONGEST,
+            most=float(NANOSECONDS),
+        ),
+        "delay": Range(f"a time from 0 to {LONGEST:.1e} (s)", "write 0 for none", least=0.0, most=LONGEST),
+        "dropout": Range(
+            "a probability of at least 0 and less than 1", "write 0 for none", least=0.0, most=1.0 - 2.0**-53
+        ),
+    }
     values: ClassVar[Mapping[str, slice]]
 
     name: str
@@ -92,10 +106,7 @@ class Sensor:
         """
         for name in ("name", "frame"):
             instance(getattr(self, name), str, f"{self.kind}: {name}", "write a text")
-        low, high = 1.0 / LONGEST, float(NANOSECONDS)
-        self._number("rate", f"a number from {low:.1e} to {high:g} (Hz)", least=low, most=high)
-        self._number("delay", f"a time from 0 to {LONGEST:.1e} (s)", least=0.0, most=LONGEST)
-        self._number("dropout", "a probability of at least 0 and less than 1", least=0.0, most=1.0 - 2.0**-53)
+        check_numbers(self)
 
     @property
     def may_be_silent(self) -> bool:
@@ -110,7 +121,7 @@ class Sensor:
     @classmethod
     def read(cls, entry: SceneEntry) -> Sensor:
         """Return the sensor that an entry of a scene asks for; what is wrong with its values is noted there."""
-        raise NotImplementedError
+        return cls(**cls._common(entry))
 
     def reading(self, seed: int, frames: WrenchFrames) -> Reading:
         """Begin to measure in a run."""
@@ -149,40 +160,15 @@ class Sensor:
         """Return the `frame_id` of its messages."""
         return frames.world_frame if self.in_world else self.frame or frames.body_frame
 
-    def _number(self, name: str, expected: str, **limits: float) -> None:
-        value = number(getattr(self, name), f"{self.kind}: {name}", expected, SceneError, **limits)
-        object.__setattr__(self, name, value)
-
-
-class Common(NamedTuple):
-    """The values of `COMMON_KEYS` in an entry of a scene."""
-
-    name: str
-    rate: float
-    frame: str
-    delay: float
-    dropout: float
-
-
-def common(entry: SceneEntry) -> Common:
-    """Read `COMMON_KEYS` of an entry; `scene/read_sensors.py` has looked at its name."""
-    slowest, fastest = 1.0 / LONGEST, float(NANOSECONDS)
-    rate = entry.number(
-        "rate",
-        f"a number from {slowest:.1e} to {fastest:g} (Hz)",
-        lambda v: slowest <= v <= fastest,
-        "write how many samples a second it takes, such as 100",
-    )
-    delay = entry.number("delay", "a time of 0 or more (s)", lambda v: 0.0 <= v <= LONGEST, "write 0 for none", 0.0)
-    dropout = entry.number(
-        "dropout", "a probability of at least 0 and less than 1", lambda v: 0.0 <= v < 1.0, "write 0 for none", 0.0
-    )
-    frame = entry.text("frame", "the name of a frame", "")
-    if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
-        known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])
-        entry.reject(f"a frame of the body, one of {known}", "declare it under body.frames", "frame")
-        frame = ""
-    return Common(entry.name, rate, frame, delay, dropout)
+    @classmethod
+    def _common(cls, entry: SceneEntry) -> dict[str, Any]:
+        """Read what every sensor has, and all numbers; `scene/read_sensors.py` has looked at the name."""
+        frame = entry.text("frame", "the name of a frame", "")
+        if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
+            known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])
+            entry.reject(f"a frame of the body, one of {known}", "declare it under body.frames", "frame")
+            frame = ""
+        return {"name": entry.name, "frame": frame, **read_numbers(cls, entry)}
 
 
 def diagonal(values: Sequence[float]) -> tuple[float, ...]:

@@ -452,7 +452,7 @@ class TestFromPython:
             (lambda: LinearDrag((-1.0, 0.0, 0.0)), "drag takes energy out"),
             (lambda: QuadraticDrag(rotation=(0.0, math.inf, 0.0)), "three finite numbers"),
             (lambda: CentralGravity(-1.0), "greater than 0"),
-            (lambda: CentralGravity(math.inf), "finite"),
+            (lambda: CentralGravity(math.inf), "is inf, expected a number greater than 0"),
         ],
     )
     def test_nonsense_is_refused(self, make: Callable[[], Effect], message: str) -> None:

@@ -1,0 +1,73 @@
+"""`Range`: which numbers an effect, an actuator or a sensor takes, told once for scenes and for Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, fields
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+from rb_dynamics.errors import SceneError
+from rb_dynamics.numerics.argument_checks import number, vector
+from rb_dynamics.numerics.vector import ZERO
+
+if TYPE_CHECKING:
+    from rb_dynamics.loads.effect import Effect
+    from rb_dynamics.loads.scene_entry import SceneEntry
+
+
+class Range(NamedTuple):
+    """The finite numbers from `least` to `most` and greater than `above`: in words, and the remedy for others."""
+
+    expected: str
+    remedy: str
+    least: float = -math.inf
+    above: float = -math.inf
+    most: float = math.inf
+
+    def holds(self, value: float) -> bool:
+        """Return whether a finite number is one of them."""
+        return self.least <= value <= self.most and value > self.above
+
+
+class Ranged(Protocol):
+    """A frozen dataclass whose numbers have `ranges`; `kind` is its name in errors."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    kind: ClassVar[str]
+    ranges: ClassVar[Mapping[str, Range]]
+
+
+def check_numbers(item: Ranged) -> None:
+    """Make each number with a range a float.
+
+    Raises:
+        TypeError: one is no number.
+        SceneError: one is out of its range.
+    """
+    for name, (expected, _, *limits) in item.ranges.items():
+        value = number(getattr(item, name), f"{item.kind}: {name}", expected, SceneError, *limits)
+        object.__setattr__(item, name, value)
+
+
+def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: bool = False) -> None:
+    """Make the attribute `name` three floats.
+
+    Raises:
+        TypeError: it is no sequence of numbers.
+        SceneError: it is not three finite numbers, or zero where a `direction` is needed.
+    """
+    found = vector(getattr(item, name), f"{item.kind}: {name}", expected, SceneError)
+    if direction and found == ZERO:
+        raise SceneError(f"{item.kind}: {name} is zero, expected {expected}; write one, as (0, 0, 1)")
+    object.__setattr__(item, name, found)
+
+
+def read_numbers(kind: type[Ranged], entry: SceneEntry, names: Collection[str] = ()) -> dict[str, float]:
+    """Return the numbers with a range in an entry of a scene, or these of them; without a default one is required."""
+    defaults = {each.name: None if each.default is MISSING else each.default for each in fields(kind)}
+    return {
+        name: entry.number(name, each.expected, each.holds, each.remedy, defaults[name])
+        for name, each in kind.ranges.items()
+        if not names or name in names
+    }
