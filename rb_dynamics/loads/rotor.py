@@ -69,7 +69,9 @@ class Rotor(Effect):
     takes: ClassVar[LoadDependence] = LoadDependence.ANY
     keys: ClassVar[tuple[str, ...]] = ("axis_body", "axial_inertia", "spin_rate")
     ranges: ClassVar[Mapping[str, Range]] = {
-        "axial_inertia": Range("a number greater than 0 (kg m^2)", "write its inertia about its own axis", above=0.0)
+        "axial_inertia": Range(
+            "a number greater than 0 (kg m^2)", "write the rotor's inertia about its own axis", above=0.0
+        )
     }
 
     axis_body: Vector

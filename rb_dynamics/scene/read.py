@@ -20,11 +20,10 @@ from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.read_actuators import actuators
 from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_channels import channels
+from rb_dynamics.scene.read_devices import devices
 from rb_dynamics.scene.read_effects import effects
-from rb_dynamics.scene.read_sensors import sensors
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
 from rb_dynamics.scene.shipped import shipped
 
@@ -140,8 +139,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
     magnetic = any(effect.magnetic_field() is not None for effect in acting)
-    driving = actuators(root.get("actuators"), reading.body, frames, magnetic, taken)
-    measuring = sensors(root.get("sensors"), reading.body, frames, magnetic, taken)
+    driving, measuring = devices(root, reading.body, frames, magnetic, taken)
     seed = int(root.number("seed", _SEED, 0.0))
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
     duration = root.get("duration")

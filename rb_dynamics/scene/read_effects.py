@@ -59,12 +59,6 @@ def each_entry(
     return tuple(found)
 
 
-def require_field(entry: Field, needed: bool, magnetic: bool) -> None:
-    """Reject an entry that needs a magnetic field in a scene without one."""
-    if needed and not magnetic:
-        entry.reject("a scene with a magnetic field", "add {type: magnetic_field, ...} to effects")
-
-
 def _kind_of(entry: Field, kinds: Mapping[str, type[T]], what: str) -> type[T] | None:
     """Return the class that the `type` of an entry of a list names; None, after a problem, where it names none."""
     values = entry.node.value

@@ -162,7 +162,7 @@ class Sensor:
 
     @classmethod
     def _common(cls, entry: SceneEntry) -> dict[str, Any]:
-        """Read what every sensor has, and all numbers; `scene/read_sensors.py` has looked at the name."""
+        """Read what every sensor has, and all numbers; `scene/read_devices.py` has looked at the name."""
         frame = entry.text("frame", "the name of a frame", "")
         if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
             known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from rb_dynamics.formats.log_file import LogFile
@@ -18,11 +19,13 @@ def edited(
     scene: bytes | None = None,
     rearrange: Callable[[list[Message]], object] = lambda messages: None,
     twice: Mapping[str, Mapping[str, str]] | None = None,
+    types: Mapping[str, str] | None = None,
 ) -> Path:
     """Copy a log through `edit`, which changes a message or leaves it out, with other `facts` and another `scene`.
 
     A fact is named by its key, in every record, or by record and key; `rearrange` changes the list of messages, and
-    records of `twice` are written before those of their names, with other facts.
+    records of `twice` are written before those of their names, with other facts. `types` are those that topics are
+    said to have.
     """
     old = McapFile(source)
     messages = list(old.messages())
@@ -30,7 +33,10 @@ def edited(
     file = LogFile(target)
     writer = McapWriter(file, "test")
     writer.begin()
-    numbers = {channel.topic: writer.add_channel(channel) for channel in old.channels.values()}
+    numbers = {}
+    for channel in old.channels.values():
+        schema = channel.schema._replace(name=(types or {}).get(channel.topic, channel.type_name))
+        numbers[channel.topic] = writer.add_channel(replace(channel, schema=schema))
     for message in filter(None, map(edit, messages)):
         writer.add_messages((numbers[message.channel.topic],), (message.data,), message.log_time, message.publish_time)
     for name, data in old.attachments.items():
