@@ -244,7 +244,7 @@ def _points(line: Line, log: bool, end: float, most: int = MAX_POINTS) -> tuple[
 def _widen(axes: Axes) -> None:
     """Widen the axis so that a value that is constant up to round-off looks constant; figures of defects show more."""
     low, high = axes.get_ylim()
-    middle, least = 0.5 * (low + high), 1e-5 * max(abs(low), abs(high))
+    middle, least = 0.5 * (low + high), 1e-4 * max(abs(low), abs(high))
     if high - low < least:
         axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
 

@@ -81,6 +81,8 @@ _BYTES, _BYTES_AT = struct.Struct("QQ"), 120
 
 MAX_ROWS = 200_000
 BATCH_ROWS = 4096
+# Wall time (s) after which rows are sent however few they are: a viewer follows a run in real time.
+FOLLOW_S = 1.0
 PATH_POINTS = 8192
 # Longer pieces of the path, in half diagonals of the body, are not shown beside it.
 _LONG_PIECE = 20.0
@@ -111,14 +113,22 @@ class RerunSink:
     the scene are known; k doubles each time another `max_rows` rows have been written, so that a run without end
     grows with its logarithm only. The last sample is always kept. Changes of wrenches are exact up to `max_rows`;
     from then on only the last one before each kept sample. Memory is bounded by `batch_rows` and `PATH_POINTS`.
+    No row waits for longer than about `follow_s` of wall time while the run goes on.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, max_rows: int = MAX_ROWS, batch_rows: int = BATCH_ROWS) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        max_rows: int = MAX_ROWS,
+        batch_rows: int = BATCH_ROWS,
+        follow_s: float = FOLLOW_S,
+    ) -> None:
         """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`."""
         self.address = viewer_address(os.fspath(path))
         self.path = Path(path)
         self._max_rows = max_rows
-        self._batch_rows = batch_rows
+        self._batch_rows, self._follow_s = batch_rows, follow_s
         self._recorder: Recorder | None = None
 
     def open(self, run: RunInfo) -> None:
@@ -136,7 +146,7 @@ class RerunSink:
             self.address = started_viewer()
         elif self.address:
             require_viewer(self.address)
-        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address)
+        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address, self._follow_s)
         with recorder.writing(), sending_to(recorder.address):
             recorder.begin()
         self._recorder = recorder
@@ -169,11 +179,20 @@ class RerunSink:
 class Recorder:
     """An open .rrd: buffers rows and sends them in columns."""
 
-    def __init__(self, path: Path, run: RunInfo, max_rows: int, batch_rows: int, address: str = "") -> None:
+    def __init__(
+        self,
+        path: Path,
+        run: RunInfo,
+        max_rows: int,
+        batch_rows: int,
+        address: str = "",
+        follow_s: float = FOLLOW_S,
+    ) -> None:
         scene = run.scene
         self.path, self.address = path, address
         self.run = run
-        self.batch_rows = batch_rows
+        self.batch_rows, self.follow_s = batch_rows, follow_s
+        self.sent_s = time.monotonic()
         self.max_rows = max_rows
         self.half_sizes, self.size = equivalent_box(scene.body)
         self.offset = _recentre(scene.initial.position_world, self.size)
@@ -234,7 +253,7 @@ class Recorder:
         if isinstance(event, Measurement):
             attitude = None if self.newest is None else self.newest.orientation_xyzw
             self.readings.take(event, self.rows.newest, attitude)
-            self._flush_if_many()
+            self._flush_if_due()
             return
         if isinstance(event, ActuatorCommand):
             if event.reason:
@@ -255,10 +274,11 @@ class Recorder:
             self._note("INFO", "moved to another state by ~/set_state")
         elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
-        self._flush_if_many()
+        self._flush_if_due()
 
-    def _flush_if_many(self) -> None:
-        if self.rows.unsent() + len(self.notes) + self.readings.unsent() >= self.batch_rows:
+    def _flush_if_due(self) -> None:
+        many = self.rows.unsent() + len(self.notes) + self.readings.unsent() >= self.batch_rows
+        if many or time.monotonic() - self.sent_s >= self.follow_s:
             with sending_to(self.address):
                 self._flush()
 
@@ -336,6 +356,7 @@ class Recorder:
             times = _times([each.taken_ns for each in readings], [each.sample for each in readings])
             self._send_scalars(entity, times, np.array([each.numbers for each in readings]))
         self.stream.flush()
+        self.sent_s = time.monotonic()
 
     def send_columns(self, columns: Columns) -> None:
         """Send rows to every entity that moves or is plotted."""

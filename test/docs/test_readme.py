@@ -27,8 +27,8 @@ PAGES = [
 LINKED = [*PAGES, *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "reference").glob("*.md"))]
 
 COMMAND = ".venv/bin/rb-dynamics "
-# What stays until it is stopped; the node and what listens to it are in test/ros/test_examples.py.
-STAYS = re.compile(r"rb-dynamics node |--into ros")
+# What stays until it is stopped, or needs a viewer; the node and what listens to it are in test/ros/test_examples.py.
+STAYS = re.compile(r"rb-dynamics node |--into ros|rerun\+http")
 # Each of these takes a minute or more.
 SLOW = re.compile(r"--video|campaign (?!.*--runs)")
 

@@ -341,6 +341,18 @@ def test_the_path_stays_small_and_ends_at_the_body(tmp_path: Path) -> None:
     assert np.ptp(np.diff([point[0] for point in strip[:-1]])) < 0.1
 
 
+def test_the_recording_follows_a_run_of_few_rows(tmp_path: Path) -> None:
+    sink, path = RerunSink(tmp_path / "a.rrd", follow_s=0.0), tmp_path / "a.rrd"
+    sink.open(RunInfo(SCENE, "rk4"))
+    sizes = []
+    for index in range(5):
+        sink.write(still(index))
+        sizes.append(path.stat().st_size)
+    sink.close({})
+    assert len(set(sizes)) > 2
+    assert Rrd(path).indices("position") == [*range(5)]
+
+
 def test_two_runs_of_one_process_stay_two_recordings(tmp_path: Path) -> None:
     ids = {written(tmp_path / f"{i}.rrd", [still(0)]).reader.recordings()[0].recording_id for i in range(2)}
     assert len(ids) == 2

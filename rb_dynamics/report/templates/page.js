@@ -74,9 +74,12 @@
       title: { text: plot.axes[k], font: { size: 11 }, standoff: 4 }, gridcolor: grid, zeroline: false,
       linecolor: "#808080", exponentformat: "e", tickfont: { size: 11 }, automargin: false,
     };
-    if (plot.axes.length === 3) return Object.assign(axis, { backgroundcolor: "rgba(0, 0, 0, 0)", showbackground: false });
+    if (plot.axes.length === 3) return Object.assign(axis, { gridcolor: "#999999", showbackground: false });
     axis.type = plot.log[k] ? "log" : "linear";
     axis.range = plot.log[k] ? plot.limits[k].map(Math.log10) : plot.limits[k].slice();
+    // Numbers of many digits have to fit beside the plot.
+    const [low, high] = plot.limits[k];
+    if (high - low < 1e-3 * Math.max(Math.abs(low), Math.abs(high))) axis.tickfont = { size: 9 };
     if (plot.log[k]) axis.dtick = Math.max(1, Math.ceil((axis.range[1] - axis.range[0]) / 5));
     if (plot.equal) Object.assign(axis, { visible: false });
     if (plot.second) {
@@ -111,7 +114,13 @@
     return scene;
   }
 
-  function layoutOf(plot, last) {
+  // The eye so far from the box that it fills the view, narrow or wide, and no label is cut.
+  function eyeOf(box, width, height) {
+    const far = Math.max(1.15 * Math.hypot(box.x, box.y, box.z), 1.6 * box.z) * Math.max(1, (1.35 * height) / width);
+    return { eye: { x: 0.69 * far, y: 0.52 * far, z: 0.5 * far }, center: { x: 0, y: 0, z: -0.08 } };
+  }
+
+  function layoutOf(plot, last, width) {
     const three = plot.axes.length === 3;
     const bottom = plot.equal || (plot.second && !last) ? 12 : plot.axes[0] ? 40 : 26;
     const layout = {
@@ -124,7 +133,8 @@
     };
     layout.height = (three ? 420 : plot.second ? 132 : plot.log[0] ? 420 : 220) + (layout.margin.b - 12);
     if (three) {
-      layout.scene = { ...inSpace(plot), camera: { eye: { x: 1.25, y: 0.94, z: 0.9 }, center: { x: 0, y: 0, z: -0.08 } } };
+      const space = inSpace(plot);
+      layout.scene = { ...space, camera: eyeOf(space.aspectratio, width, layout.height) };
       layout.margin = { l: 0, r: 0, t: 0, b: 0 };
       return layout;
     }
@@ -202,7 +212,7 @@
       const keys = make("div", "keys", "", part);
       const canvas = make("div", "canvas", "", part);
       const one = { plot, canvas, outputs: [], last };
-      await Plotly.newPlot(canvas, traces(plot), layoutOf(plot, last), { displayModeBar: false, responsive: true, doubleClick: false });
+      await Plotly.newPlot(canvas, traces(plot), layoutOf(plot, last, canvas.clientWidth), { displayModeBar: false, responsive: true, doubleClick: false });
       one.hair = make("div", "hair", "", canvas);
       one.hair.hidden = true;
       one.hair.style.bottom = `${canvas.layout.margin.b}px`;

@@ -36,6 +36,8 @@ _SHORT, _SHARE = 0.005, 0.25
 
 # Resolution of a clock, s; avoids division by 0.
 _TICK = 1e-9
+# Fewer outputs than these do not tell what one costs.
+_LEAST_OUTPUTS = 16.0
 
 SHORTEST = 1e-6
 """The shortest excerpt, s."""
@@ -139,6 +141,8 @@ class Excerpt:
         """Run with outputs until `until_ns`, or about `limit` s; return the time reached (ns) and the run time (s)."""
         clear_caches()
         run = self._new(solver, output_rate)
+        # A moment without outputs, in which the machine stood still, tells nothing of what outputs cost.
+        least_ns = round(_LEAST_OUTPUTS / output_rate * NANOSECONDS) if output_rate > 0.0 else 0
         begin = self.clock()
         with counted_by(tally), _plugin_failures_as_refusals(solver.method):
             post_all(run, self.commands)
@@ -146,7 +150,7 @@ class Excerpt:
             while True:
                 run.advance(min(part, until_ns))
                 took = max(self.clock() - begin, _TICK)
-                if part >= until_ns or took > 0.5 * limit:
+                if part >= until_ns or (took > 0.5 * limit and part >= least_ns):
                     return min(part, until_ns), took
                 part *= 2 if 32.0 * took > limit else 16
 
