@@ -91,14 +91,26 @@ a node stamped its messages with that. [Logs](../logs.md) explains how to write,
 """
 
 NODE = """\
-Names are relative and can be remapped. Every topic is RELIABLE. Stamps are ROS time or simulation time, see `stamps`
-below; none is zero. A topic without subscribers is not computed. [The node in a ROS 2 graph](../ros.md) explains the
-node's behaviour.
+Names are relative and can be remapped. Every topic is RELIABLE; except in lockstep, publishers of commands may be
+BEST_EFFORT. Stamps are ROS time or simulation time, see `stamps` below; none is zero. A topic without subscribers is
+not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behaviour.
+"""
+
+OF_SCENE = """\
+Each actuator of the scene hears `<name>/command` (`std_msgs/msg/Float64`), and all reaction wheels are in `wheels`
+(`sensor_msgs/msg/JointState`). Each sensor publishes on its name: [scene](scene.md#sensors).
 """
 
 PARAMETERS = """\
 With `use_sim_time`, simulation time follows `/clock`. Numbers, strings and lists of numbers of the scene are parameters
-too, under their dotted keys, such as `body.mass`; they may be changed while the node is paused.
+too, under their dotted keys, such as `body.mass`; they may be changed while the node is paused. `ros2 param list` also
+shows `start_type_description_service` of rclpy and, where given, `qos_overrides` ([QoS](../ros.md#qos)).
+"""
+
+MANAGED = """\
+`ros2 run rb_dynamics lifecycle` is [a managed node](../ros.md#lifecycle), `rigid_body_lifecycle`, that makes the node
+above when it is configured. It takes the parameters of that node, publishes `~/transition_event`
+(`lifecycle_msgs/msg/TransitionEvent`), and has the services for its own parameters and types, as above, and these:
 """
 
 MEANING = {
@@ -277,6 +289,11 @@ SERVICES = {
     "~/get_logger_levels": "levels of the node's log",
     "~/set_logger_levels": "sets them: 10 debug, 20 info, 30 warn, 40 error",
     "~/get_type_description": "by rcl: the definition of a message type",
+    "~/change_state": "configure, activate, deactivate, clean up, shut down: `ros2 lifecycle set`",
+    "~/get_state": "`ros2 lifecycle get`",
+    "~/get_available_states": "all states of a managed node",
+    "~/get_available_transitions": "those from the present state: `ros2 lifecycle list`",
+    "~/get_transition_graph": "those from every state",
 }
 
 METADATA = {
@@ -539,6 +556,7 @@ def ros_page() -> str:
     from rclpy.signals import SignalHandlerOptions
 
     from rb_dynamics.ros import settings
+    from rb_dynamics.ros.lifecycle import LifecycleBody
     from rb_dynamics.ros.node import RigidBodyNode
 
     gravity = {"type": "uniform_gravity", "acceleration_world": [0.0, 0.0, -9.8]}
@@ -555,6 +573,9 @@ def ros_page() -> str:
             inward = {s.topic_name: s for s in node.subscriptions}
             services = {s.srv_name: s.srv_type for s in node.services}
             node.destroy_node()
+            managed = LifecycleBody()
+            offered = {f"~/{s.srv_name.rpartition('/')[2]}": s.srv_type for s in managed.services}
+            managed.destroy_node()
         finally:
             rclpy.try_shutdown()
 
@@ -579,7 +600,13 @@ def ros_page() -> str:
     rows.append(("`/rosout`", "out", "`rcl_interfaces/msg/Log`", "transient local", meaning(TOPICS, "/rosout")))
     listed = [each for each in rows if each[-1]]
     parameters = [(f"`{name}`", shown(value), text) for name, value, text in settings.documented()]
-    own = [(short(name), type_name(kind)) for name, kind in sorted(services.items())]
+    own = {short(name): type_name(kind) for name, kind in sorted(services.items())}
+    managing = {name: type_name(kind) for name, kind in sorted(offered.items()) if name not in own}
+
+    def served(services: dict[str, str]) -> str:
+        rows = [(f"`{name}`", kind, meaning(SERVICES, name)) for name, kind in services.items()]
+        return table(("service", "type", "effect"), rows)
+
     return "\n".join(
         (
             "# Topics, parameters and services\n",
@@ -587,12 +614,16 @@ def ros_page() -> str:
             NODE,
             "## Topics\n",
             table(("topic", "direction", "type", "durability", "content"), listed),
+            OF_SCENE,
             "## Parameters\n",
             table(("parameter", "default", "meaning"), parameters),
             PARAMETERS,
             "## Services\n",
-            table(("service", "type", "effect"), [(f"`{name}`", kind, meaning(SERVICES, name)) for name, kind in own]),
+            served(own),
             "If [simulation_interfaces](../ros.md#simulation_interfaces) is installed, the node has its services.\n",
+            "## Managed node\n",
+            MANAGED,
+            served(managing),
         )
     )  # fmt: skip
 
