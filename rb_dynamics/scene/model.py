@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
@@ -201,7 +202,7 @@ class Scene:
         """The topics of the sensors."""
         return tuple(sensor.name for sensor in self.sensors)
 
-    @property
+    @cached_property
     def combined_effects(self) -> CombinedEffects:
         """The effects, the biases and lags of channels and what actuators are, combined, for this body."""
         biases = tuple(ChannelBias(channel) for channel in self.channels if channel.bias is not None)
