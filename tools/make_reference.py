@@ -212,7 +212,7 @@ MEANING = {
     "random_walk": "unit/√s, of the bias",
     "bias": "one number for all axes, or one for each",
     "scale": "relative error of scale; one number for all axes, or one for each",
-    "misalignment": "rad, rotation vector from the sensitive axes to the frame",
+    "misalignment": "rad, rotation vector by which a true vector is turned; the sensitive axes turn the other way",
     "range": "largest size of each component; none by default",
     "resolution": "of which each component is a whole multiple; none by default",
     "position_noise": "m, standard deviation of each coordinate in every sample",

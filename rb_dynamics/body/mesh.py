@@ -103,14 +103,21 @@ def _surface(data: bytes) -> bytes:
 
     trimesh reads "f 1 2 3" alone so: it passes over a face that is indented or has tabs, without a word.
     """
-    lines = []
+    lines, vertices = [], 0
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
         match line.split(b"#", 1)[0].split():
             case [b"v", *coordinates]:
                 lines.append(b"v " + b" ".join(coordinates[:3]))
+                vertices += 1
             case [b"f" | b"fo", *corners]:
-                lines.append(b"f " + b" ".join(corner.split(b"/", 1)[0] for corner in corners))
+                places = (corner.split(b"/", 1)[0] for corner in corners)
+                lines.append(b"f " + b" ".join(_from_first(place, vertices) for place in places))
     return b"\n".join(lines) + b"\n"
+
+
+def _from_first(place: bytes, vertices: int) -> bytes:
+    """Return the number of a vertex; one below 0 counts back from the last of those so far, not of the file."""
+    return b"%d" % (vertices + 1 + int(place)) if place[:1] == b"-" and place[1:].isdigit() else place
 
 
 def read_solid(path: str | os.PathLike[str], scale_to_m: float = 1.0) -> Solid:

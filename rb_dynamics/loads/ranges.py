@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.argument_checks import number, vector
-from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.numerics.vector import ZERO, resized
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.effect import Effect
@@ -51,7 +51,7 @@ def check_numbers(item: Ranged) -> None:
 
 
 def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: bool = False) -> None:
-    """Make the attribute `name` three floats.
+    """Make the attribute `name` three floats; a `direction` is not too short or too long to be made a unit vector.
 
     Raises:
         TypeError: it is no sequence of numbers.
@@ -60,7 +60,7 @@ def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: 
     found = vector(getattr(item, name), f"{item.kind}: {name}", expected, SceneError)
     if direction and found == ZERO:
         raise SceneError(f"{item.kind}: {name} is zero, expected {expected}; write one, as (0, 0, 1)")
-    object.__setattr__(item, name, found)
+    object.__setattr__(item, name, resized(found) if direction else found)
 
 
 def read_numbers(kind: type[Ranged], entry: SceneEntry, names: Collection[str] = ()) -> dict[str, float]:

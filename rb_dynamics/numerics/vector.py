@@ -68,6 +68,15 @@ def divide(a: Vector, b: Vector) -> Vector:
     return (a[0] / b[0], a[1] / b[1], a[2] / b[2])
 
 
+def resized(a: Vector) -> Vector:
+    """Return `a`, or, where the inverse of its length is beyond the range of numbers, a multiple of it that is not."""
+    largest = max(map(abs, a))
+    if largest == 0.0 or 1e-300 < largest < 1e300:
+        return a
+    _, power = math.frexp(largest)
+    return (math.ldexp(a[0], -power), math.ldexp(a[1], -power), math.ldexp(a[2], -power))
+
+
 def positive_zeros(a: Vector) -> Vector:
     """Return a with 0 for -0, so that equal vectors have equal bits, as caches that compare with == require."""
     return (a[0] + 0.0, a[1] + 0.0, a[2] + 0.0)

@@ -32,7 +32,8 @@ class AxisErrors:
         random_walk: K, unit / sqrt(s): of the bias.
         bias: at the start.
         scale: relative error of scale of each axis.
-        misalignment: rotation vector from the sensitive axes to the frame, rad.
+        misalignment: rotation vector, rad, by which a true vector is turned in the frame: the sensitive axes are turned
+            the other way.
         range: the largest size of each component; infinite for no limit.
         resolution: of which each component is a whole multiple; 0 for no steps.
     """

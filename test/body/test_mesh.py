@@ -273,6 +273,14 @@ class TestFiles:
         path.write_text("\n".join([*lines, *(face.format(*corners) for corners in CUBE + 9)]) + "\n")
         assert mesh.read_solid(path).volume == pytest.approx(2.0)
 
+    def test_indices_below_0_of_an_obj_count_from_the_last_vertex_so_far(self, tmp_path: Path) -> None:
+        path, lines = tmp_path / "part.obj", list[str]()
+        for corners in (CORNERS, 2.0 * CORNERS + 3.0):
+            lines += [f"v {x} {y} {z}" for x, y, z in corners]
+            lines += ["f {}/-1 {}//-1 {}".format(*face) for face in CUBE - len(CORNERS)]
+        path.write_text("\n".join(lines))
+        assert mesh.read_solid(path).volume == pytest.approx(9.0)
+
     def test_what_an_obj_names_is_not_read(self, tmp_path: Path) -> None:
         path = tmp_path / "part.obj"
         corners = [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS]

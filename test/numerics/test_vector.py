@@ -77,3 +77,14 @@ def test_norm_neither_overflows_nor_underflows() -> None:
     assert vector.norm((3e-300, 0.0, 4e-300)) == pytest.approx(5e-300, rel=2.0 * EPS, abs=0.0)
     assert vector.norm((0.0, -math.ulp(0.0), 0.0)) == math.ulp(0.0)
     assert vector.norm(vector.ZERO) == 0.0
+
+
+@pytest.mark.parametrize("a", [(3e-320, 0.0, -4e-320), (1.5e308, 0.0, -1.5e308), (1e-301, 2e-310, 0.0)])
+def test_a_direction_has_a_length_with_an_inverse(a: Vector) -> None:
+    found = vector.resized(a)
+    length = vector.norm(found)
+    assert 0.5 <= length < 2.0
+    largest = max(map(abs, a))
+    assert found == pytest.approx([x / largest * max(map(abs, found)) for x in a], rel=1e-12)
+    assert vector.resized((0.0, 2.0, 3.0)) == (0.0, 2.0, 3.0)
+    assert vector.resized(vector.ZERO) == vector.ZERO

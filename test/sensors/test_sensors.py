@@ -220,6 +220,26 @@ def test_what_is_no_sensor_is_one_clear_error(change: str, expected: str) -> Non
     assert len(str(error.value).splitlines()) <= 2
 
 
+@pytest.mark.parametrize("size", ["1.0e-320", "1.7e+308"])
+def test_the_length_of_a_direction_does_not_count(size: str) -> None:
+    text = f"""
+body: {{mass: 3, inertia: {{diagonal: [1, 1, 1]}}}}
+wrenches: []
+effects:
+  - {{type: magnetic_field, model: uniform, field_world: [0, 0, 1.0e-5]}}
+  - {{type: rotor, axis_body: [0, {size}, {size}], axial_inertia: 0.1, spin_rate: 2}}
+actuators: [{{type: magnetorquer, name: rod, axis: [{size}, {size}, {size}], max_dipole: 1}}]
+sensors: [{{type: sun_sensor, name: sun, rate: 10, direction_world: [{size}, {size}, {size}]}}]
+duration: 0.01
+"""
+    commands = [("rod/command", rb.Setpoint(1.0))]
+    assert measured(text, commands)[0].numbers == pytest.approx((3.0**-0.5,) * 3)
+    here = rb.simulate(rb.parse_scene(text), commands).sample.angular_velocity_body
+    there = rb.simulate(rb.parse_scene(text.replace(size, "1")), commands).sample.angular_velocity_body
+    assert here == pytest.approx(there, abs=1e-12)
+    assert here != (0.0, 0.0, 0.0)
+
+
 def test_a_sun_sensor_sees_within_its_view_alone() -> None:
     text = """
 body: {mass: 3, inertia: {diagonal: [1, 1, 1]}}
