@@ -11,15 +11,13 @@ import numpy as np
 
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.report.interactive_plots import Curve, Picture, Plot
-from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
+from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, far_off, picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Columns: right and up in the picture, in world axes; z points up.
 _SEEN = np.array([[-0.6, -0.4], [0.8, -0.3], [0.0, math.sqrt(0.75)]])
-
-_TITLE = "Path of the body origin, world axes [m]"
 
 # Where the body axes are drawn, and their length relative to the extent of the path.
 _PLACES, _ARM = 9, 0.08
@@ -38,15 +36,18 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
     if not moving:
         return None
     every = np.concatenate([position for _, position, _ in moving])
+    place, less = far_off(every)
+    every, moving = every - place, [(name, position - place, attitude) for name, position, attitude in moving]
+    title = f"Path of the body origin{less}, world axes [m]"
     extent = float(np.ptp(every, axis=0).max())
-    if not extent > 1e-9 * float(np.abs(every).max()):
+    if not extent > 1e-9 * float(np.abs(every + place).max()):
         return None
     curves = _triads(*moving[0][1:], _ARM * extent)
     for number, (name, position, _) in enumerate(moving):
         color = COLORS[3 + number]
         curves.append(Curve(name, _columns(position), color, "dash" if number else "line"))
         curves.append(Curve(f"start of {name}", _columns(position[:1]), color, "dots"))
-    plot = Plot(_TITLE, curves, ["x [m]", "y [m]", "z [m]"])
+    plot = Plot(title, curves, ["x [m]", "y [m]", "z [m]"])
     corner, length = every.min(axis=0), 10.0 ** math.floor(math.log10(0.5 * extent))
 
     def fill(figure: Figure, _most: int) -> None:
@@ -62,7 +63,7 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
         axes.set_axis_off()
         axes.set_aspect("equal")
         axes.margins(0.05)
-        axes.set_title(f"{_TITLE}; the grey axes are {length:g} m long", loc="left", color=TEXT, fontsize=11.0)
+        axes.set_title(f"{title}; the grey axes are {length:g} m long", loc="left", color=TEXT, fontsize=11.0)
 
     return replace(picture(fill, (690.0, 330.0), "Path of the body origin in space"), plots=lambda: [plot])
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rb_dynamics.report.interactive_plots import Picture
-from rb_dynamics.report.svg import Array, Line, Panel, components, draw
+from rb_dynamics.report.svg import Array, Line, Panel, components, draw, far_off
 
 # A wheel whose speed comes to this part of its limit is shown with the limit.
 _NEAR = 0.8
@@ -21,9 +21,10 @@ _ROUND_OFF = 1e-12
 
 def position_and_attitude(time_s: Array, position_world: Array, orientation_xyzw: Array) -> Picture:
     """Return position (m) and quaternion; its sign is chosen to be continuous, since q and -q are the same attitude."""
+    place, less = far_off(position_world)
     return draw(
         _measured(
-            Panel("Position of the body origin, world axes [m]", components(time_s, position_world)),
+            Panel(f"Position of the body origin{less}, world axes [m]", components(time_s, position_world - place)),
             Panel("Attitude, quaternion from body to world", components(time_s, continuous(orientation_xyzw), "xyzw")),
         ),
         "Position and attitude over time",

@@ -33,6 +33,9 @@ Array: TypeAlias = NDArray[np.float64]
 # robotics. Three more for more lines. All have a contrast of at least 3:1 against white and near-black.
 COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0", "#c7508f", "#8a7a1f", "#0e8f9e")
 
+# Motion of less than this part of the distance from zero is not seen.
+_FAR = 0.01
+
 # Per line, in a picture and in a plot that can be zoomed; four points per bucket.
 MAX_POINTS = 2000
 MOST_TOUCHED = 4000
@@ -76,6 +79,19 @@ class Panel:
 def components(time_s: Array, values: Array, labels: Sequence[str] = "xyz", *, step: bool = False) -> list[Line]:
     """Return one line per column of `values`."""
     return [Line(label, time_s, column, step) for label, column in zip(labels, values.T, strict=False)]
+
+
+def far_off(position: Array) -> tuple[Array, str]:
+    """Return what to subtract from positions (m) whose motion would not be seen so far from zero, and words for that.
+
+    Zero and "" where it would.
+    """
+    known = position[np.isfinite(position).all(axis=1)]
+    extent = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+    if not 0.0 < extent < _FAR * float(np.abs(known[0]).max(initial=0.0)):
+        return np.zeros(3), ""
+    place = np.round(known[0], -math.floor(math.log10(extent)))
+    return place, f" less ({', '.join(f'{each:.12g}' for each in place.tolist())}) m"
 
 
 def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:

@@ -220,7 +220,7 @@ def _plot(found: Trade) -> Plot:
     return Plot(
         "Error [rad, or relative to the path]",
         [front, *curves],
-        ["computing for each simulated second, with all outputs [s]", ""],
+        ["computing for each simulated second [s]", ""],
         limits,
         (True, True),
     )
@@ -348,7 +348,7 @@ def _grid(root: Element, across: _Axis, up: _Axis) -> None:
         root,
         middle,
         bottom + 29.0,
-        "computing for each simulated second, with all outputs [s]",
+        "computing for each simulated second [s]",
         "font-size: 9.5px; text-anchor: middle",
     )
 

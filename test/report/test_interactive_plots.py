@@ -91,6 +91,17 @@ def test_figures_of_a_campaign_can_be_read() -> None:
     ]
 
 
+def test_positions_far_from_zero_count_from_where_their_motion_is_seen() -> None:
+    far = WAVE + np.array([369_644.7, 3_280_417.0, 0.0])
+    (path,) = path_in_space([("A", far, STILL)]).plots()  # type: ignore[union-attr]
+    place = next(curve for curve in path.curves if curve.label == "A")
+    assert "less (369" in path.title
+    assert max(float(np.abs(each).max()) for each in place.points) < 10.0
+    assert "less (369" in plots.position_and_attitude(np.arange(float(len(far))), far, STILL).svg
+    (near,) = path_in_space([("A", WAVE, STILL)]).plots()  # type: ignore[union-attr]
+    assert "less" not in near.title
+
+
 def test_a_path_in_space_has_the_positions_and_the_body_axes() -> None:
     found = path_in_space([("A", WAVE, STILL), ("B", WAVE + 1.0, STILL)])
     assert found is not None
