@@ -172,7 +172,7 @@ def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(
         log, states, memory = McapSink(tmp_path / name, settings=LogSettings(flush_s=0.0)), HashSink(), MemorySink()
         _run(scene, commands, log, GuardedSink(states, print), memory)
         kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied])))
-    assert len(kept[0][0]) > (400_000 if rate > 1.0 else 100_000)
+    assert len(kept[0][0]) > (400_000 if rate > 1.0 else 10_000)
     assert kept[0] == kept[1]
 
 
