@@ -62,7 +62,7 @@ class Worst:
 
     Attributes:
         run: its number, the first if there are several.
-        value: of the metric; None if a required value is missing.
+        value: of the metric; None if a required value is missing, or a condition was never met.
         which: `largest`, `smallest` or `without a value`.
     """
 
@@ -86,7 +86,7 @@ class MetricSummary:
         least: smallest value.
         most: largest value.
         quantiles: of the values and of those that never were one; infinite where they are.
-        worst: the worst run; None if no run has a value.
+        worst: the worst run; None if no run has a value, or never met a condition.
         sensitivity: rank correlation with each input, strongest first.
         either_way: rank correlation with the distance of each input from its median, in ranks, strongest first.
         echoes: inputs of both lists that only follow a stronger one: in these runs they correlate with it beyond
@@ -258,17 +258,18 @@ def _worst(campaign: Campaign, name: str, rows: Columns) -> Worst | None:
     import numpy as np
 
     column, is_number = rows[name], np.isfinite(rows[name])
+    reduction = next(each.reduction for each in campaign.metrics if each.name == name)
     required = [each for each in campaign.requirements if each.metric == name]
     lacks = ~is_number & np.array([not error for error in rows["error"]], dtype=np.bool_)
-    if required and lacks.any():
+    # A time to what never came is longer than any.
+    if (required or reduction == "time_to") and lacks.any():
         return Worst(int(rows["run"][lacks][0]), None, "without a value")
     if not is_number.any():
         return None
-    is_least = next(each.reduction for each in campaign.metrics if each.name == name) == "least"
     if required:
         low, high = required[0].above, required[0].below
     else:
-        low, high = (0.0, math.inf) if is_least else (-math.inf, 0.0)
+        low, high = (0.0, math.inf) if reduction == "least" else (-math.inf, 0.0)
     with np.errstate(over="ignore"):
         above, below = column - high, low - column
     place = int(np.argmax(np.where(is_number, np.fmax(above, below), -math.inf)))

@@ -138,10 +138,10 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
         "settled": np.where(values == 7.0, np.nan, values),
     }
     text = as_text(campaign, summarise(campaign, rows), ["--seed", "7"])
-    # Below 0.25 is required of the first; nothing of the others, which are the largest then.
+    # Below 0.25 is required of the first; nothing of the others, which are the largest then, or never came.
     assert "worst       final_rate: 20 rad/s, the largest, in run 0\n" in text
-    assert "worst       settled: 35 s, the largest, in run 35\n" in text
-    assert [line.split()[-1] for line in text.splitlines() if "--seed 7 --rerun" in line][:2] == ["0", "35"]
+    assert "worst       settled: no value in run 7\n" in text
+    assert [line.split()[-1] for line in text.splitlines() if "--seed 7 --rerun" in line][:2] == ["0", "7"]
     for limits, expected in (
         ((Requirement("settled", above=3.0),), "settled: no value in run 7"),
         ((Requirement("final_rate", above=3.0),), "final_rate: 0 rad/s, the smallest, in run 20"),
@@ -152,7 +152,10 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     # A run that could not be flown is no worst run: it stands among those.
     rows["error"] = [*(7 * [""]), "too fast", *(28 * [""])]
     required = replace(campaign, requirements=(Requirement("settled", 100.0),))
-    assert "settled: 35 s, the largest, in run 35" in as_text(campaign, summarise(required, rows))
+    for each in (campaign, required):
+        assert "settled: 35 s, the largest, in run 35" in as_text(each, summarise(each, rows))
+    never = rows | {"settled": np.full(36, np.nan)}
+    assert "settled: no value in run 0" in as_text(campaign, summarise(campaign, never))
 
 
 def test_lists_say_what_part_of_all_they_show(tmp_path: Path) -> None:
