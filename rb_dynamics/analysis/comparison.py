@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -37,6 +37,9 @@ UNITS = {
 
 MOTION = ("attitude", "position", "angular_velocity", "linear_velocity")
 """Those that `--bound` judges."""
+
+Bound: TypeAlias = "float | Mapping[str, float]"
+"""Largest difference accepted: in every quantity of `MOTION`, or in each that is named; rad, m, rad/s, m/s."""
 
 # If this part of the samples of the coarser recording are stamps of both, only these are compared.
 _COMMON = 0.1
@@ -139,7 +142,8 @@ class Comparison:
         body: mass properties that differ: name, value of A, value of B; None if one of the two does not tell.
         run: facts of two runs of this package that differ, likewise.
         notes: what a reader should know, one sentence each.
-        bound: largest difference accepted in each quantity of the motion; None: nothing is judged.
+        bound: largest difference accepted in each quantity of the motion, or in those that it names; None: nothing is
+            judged.
     """
 
     a: Side
@@ -154,7 +158,7 @@ class Comparison:
     body: Sequence[tuple[str, Any, Any]] | None
     run: Sequence[tuple[str, Any, Any]]
     notes: Sequence[str]
-    bound: float | None = None
+    bound: Bound | None = None
 
     @property
     def samples(self) -> int:
@@ -168,14 +172,21 @@ class Comparison:
         return min((first for first in found if first is not None), default=None)
 
     @property
+    def limits(self) -> dict[str, float]:
+        """The largest difference accepted in each quantity that is judged."""
+        if isinstance(self.bound, Mapping):
+            return {name: self.bound[name] for name in MOTION if name in self.bound}
+        return {name: self.bound for name in MOTION if name in self.differences and self.bound is not None}
+
+    @property
     def beyond(self) -> tuple[str, ...]:
-        """Quantities of the motion that differ by more than the bound."""
-        bound = math.inf if self.bound is None else self.bound
-        return tuple(name for name in MOTION if name in self.differences and self.differences[name].max > bound)
+        """Quantities that differ by more than their bound, or have one although they are not in both."""
+        found = self.differences
+        return tuple(name for name, most in self.limits.items() if name not in found or found[name].max > most)
 
     @property
     def passed(self) -> bool:
-        """Whether no quantity of the motion differs by more than the bound."""
+        """Whether every quantity that has a bound is known to be within it."""
         return not self.beyond
 
     def seconds(self, time_ns: Times | int) -> Any:
@@ -299,7 +310,7 @@ def compare_tracks(
     a: Given,
     b: Given,
     alignment: Alignment,
-    bound: float | None = None,
+    bound: Bound | None = None,
     window_s: tuple[float | None, float | None] = (None, None),
     more: Sequence[str] = (),
 ) -> Comparison:
@@ -309,7 +320,7 @@ def compare_tracks(
         a: the first flight.
         b: the second.
         alignment: how their times belong together.
-        bound: largest difference accepted in each quantity of the motion.
+        bound: largest difference accepted in each quantity of the motion, or in those that it names.
         window_s: first and last time to compare, as in the output; None: all.
         more: notes to add.
 

@@ -35,8 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="start: the motions begin together; stamp: one clock; SECONDS: B's time less A's at one instant",
     )  # fmt: skip
     parser.add_argument(
-        "--bound", type=real("a number, 0 or more", lambda v: v >= 0.0), metavar="X",
-        help="largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s)",
+        "--bound", type=_bound, metavar="X|NAME=X,...",
+        help="largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s); or of some of "
+        "them, as in attitude=0.01,position=0.05 (also angular_velocity, linear_velocity)",
     )  # fmt: skip
     add_window(parser, "compare")
     add_start_and_topics(parser, "of a scene that is flown: ")
@@ -51,6 +52,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write both bodies as a Rerun recording, or show them in a viewer (extra: log)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
+
+
+def _bound(text: str) -> float | dict[str, float]:
+    from rb_dynamics.analysis.comparison import MOTION
+
+    if "=" not in text:
+        return real("a number, 0 or more, or names and numbers such as attitude=0.01,position=0.05", _accepts)(text)
+    bounds: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if name not in MOTION or name in bounds:
+            raise argparse.ArgumentTypeError(f"found {name!r} in {text!r}, expected each of {', '.join(MOTION)} once")
+        bounds[name] = real("a number, 0 or more", _accepts)(value)
+    return bounds
+
+
+def _accepts(bound: float) -> bool:
+    return bound >= 0.0
 
 
 def run(args: argparse.Namespace) -> int:

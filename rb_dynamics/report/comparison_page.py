@@ -55,9 +55,10 @@ def _tiles(found: Comparison) -> list[Tile]:
     for name in MOTION:
         each = found.differences.get(name)
         if each is None:
-            tiles.append(Tile(f"Largest difference of {text.label(name)}", "unknown", "not in both"))
+            bad = "bad" if name in found.limits else ""
+            tiles.append(Tile(f"Largest difference of {text.label(name)}", "unknown", "not in both", bad))
             continue
-        judged = "" if found.bound is None else "bad" if name in found.beyond else "good"
+        judged = "" if name not in found.limits else "bad" if name in found.beyond else "good"
         note = f"{UNITS[name]}, at {found.seconds(each.max_ns):.6g} s; rms {each.rms:.3g}"
         tiles.append(Tile(f"Largest difference of {text.label(name)}", f"{each.max:.3g}", note, judged))
     return tiles

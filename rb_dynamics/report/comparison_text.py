@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rb_dynamics.analysis.alignment import Alignment
@@ -149,12 +149,25 @@ def verdict(found: Comparison) -> str:
         bits = f"the same to the last bit at every sample compared ({found.samples})"
     else:
         bits = f"the motions differ from t = {found.seconds(first):.9g} s on"
-    if found.bound is None:
+    limits = found.limits
+    if not limits:
         return bits
-    judged = [label(name) for name in MOTION if name in found.differences]
     if found.passed:
-        return f"{bits}; {', '.join(judged)} within {found.bound:g}"
-    return f"{bits}; BEYOND {found.bound:g}: {', '.join(map(label, found.beyond))}"
+        return f"{bits}; {_each(limits)} within {_most(found)}"
+    beyond = [name for name in found.beyond if name in found.differences]
+    missing = _each(name for name in found.beyond if name not in found.differences)
+    judged = f"; BEYOND {_most(found)}: {_each(beyond)}" if beyond else ""
+    return bits + judged + (f"; CANNOT JUDGE what is not in both: {missing}" if missing else "")
+
+
+def _each(names: Iterable[str]) -> str:
+    return ", ".join(map(label, names))
+
+
+def _most(found: Comparison) -> str:
+    if isinstance(found.bound, Mapping):
+        return " and ".join(f"{most:g} {UNITS[name]}" for name, most in found.limits.items())
+    return f"{found.bound:g}"
 
 
 def _side(side: Side) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
-from rb_dynamics.analysis.comparison import Comparison, Given, compare_tracks
+from rb_dynamics.analysis.comparison import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.signals import MotionSignals
 from rb_dynamics.analysis.track import Track
@@ -40,7 +40,7 @@ def compare(
     *,
     scene: Source | None = None,
     align: Align = None,
-    bound: float | None = None,
+    bound: Bound | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
     wrench_start: Start = "auto",
@@ -57,7 +57,8 @@ def compare(
         align: "start": both motions begin at one time; "stamp": the stamps are of one clock; seconds: B's time less
             A's at one instant. None: the commands, if one was flown from the other; stamps, if the recordings then
             overlap; otherwise the lag that fits best.
-        bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s).
+        bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s): one for all, or
+            some by name, as in {"attitude": 0.01, "position": 0.05}.
         start_s: compare from here on, s as in the result.
         end_s: compare up to here.
         wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
@@ -68,12 +69,15 @@ def compare(
 
     Raises:
         TypeError: an argument has the wrong type.
-        ValueError: the bound is less than 0.
+        ValueError: a bound is less than 0, or names no quantity of `MOTION`.
         LogError: a recording cannot be read, or nothing can be compared.
         SceneError: a scene is not valid.
     """
-    if bound is not None:
-        number(bound, "bound", "a finite number, 0 or more", least=0.0)
+    for name, most in bound.items() if isinstance(bound, Mapping) else [("", bound)]:
+        if name and name not in MOTION:
+            raise ValueError(f"bound names {shown(name)}, expected {' or '.join(MOTION)}; name one of these")
+        if most is not None:
+            number(most, "bound", "a finite number, 0 or more", least=0.0)
     if b is None:
         if scene is None:
             raise LogError(f"found one flight, {a}, expected two; name another, or a scene to fly with --scene SCENE")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_rows import write_rows
 from foreign_flights import TURN, foreign
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.analysis.comparison import MOTION
 from rb_dynamics.cli import main
+from rb_dynamics.formats import cdr
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -344,10 +346,38 @@ def test_bad_input_is_one_line(log: Path, scene: Path, folder: Path, capsys: pyt
         assert said.out == ""
         assert "expected" in said.err or "cannot" in said.err, said.err
         assert said.err.count("\n") == 1
-    for option in (["--align", "soon"], ["--bound", "-1"]):
+    for option in (["--align", "soon"], ["--bound", "-1"], ["--bound", "attitude=-1"], ["--bound", "speed=1"]):
         with pytest.raises(SystemExit) as stopped:
             main(["compare", str(log), str(log), *option])
         assert stopped.value.code == 2
+
+
+def test_each_quantity_may_have_a_bound_of_its_own(
+    log: Path, heavier: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = rb.compare(log, heavier).as_dict()
+    most = alone["position"]["max"]
+    assert rb.compare(log, heavier, bound={"attitude": 1e-9, "position": most}).passed
+    found = rb.compare(log, heavier, bound={"attitude": 1e-9, "position": 0.9 * most})
+    assert found.beyond == ("position",)
+    with pytest.raises(ValueError, match="bound names 'speed', expected attitude or position"):
+        rb.compare(log, heavier, bound={"speed": 1.0})
+    assert main(["compare", str(log), str(heavier), "--bound", f"attitude=1e-9,position={0.9 * most!r}"]) == 1
+    assert f"BEYOND 1e-09 rad and {0.9 * most:g} m: position" in capsys.readouterr().out
+    assert main(["compare", str(log), str(heavier), "--bound", "attitude=1e-9"]) == 0
+    assert "attitude within 1e-09 rad" in capsys.readouterr().out
+
+
+def test_a_bound_of_what_is_not_in_both_fails(log: Path, folder: Path) -> None:
+    kind, twist = "geometry_msgs/msg/TwistStamped", rb.inspect(log).track.twist
+    assert twist is not None
+    rows = zip(twist.time_ns.tolist(), twist.values.tolist(), strict=True)
+    rates = write_rows(
+        folder / "rates.mcap", [("/twist", kind, at, cdr.encode(kind, at, "body", tuple(v))) for at, v in rows]
+    )
+    found = rb.compare(log, rates, bound={"angular_velocity": 1e-9, "position": 1.0})
+    assert found.beyond == ("position",)
+    assert rb.compare(log, rates, bound={"angular_velocity": 1e-9}).passed
 
 
 def test_the_command_prints_json_text_page_and_recording(
