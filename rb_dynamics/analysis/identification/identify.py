@@ -143,7 +143,7 @@ class Identification:
         agreeing: how many of them found the same best one.
         converged: whether that came to rest.
         principal_errors: standard errors of the principal moments, ascending; infinite where not known.
-        notes: on how the recordings were read.
+        notes: on how the recordings were read, and what bears on the errors.
         predicted: residuals over time.
         validation: residuals of recordings that were held out; of those the start alone is fitted.
     """
@@ -342,6 +342,15 @@ def _default(flights: Sequence[Flight]) -> tuple[str, ...]:
     return ("inertia", "inertia_ratios", "mass", "center_of_mass", "initial", *(["gyro_bias"] if gyro else []))
 
 
+def _coloured(residuals: Sequence[Residuals]) -> list[str]:
+    names = ", ".join(f"{each.topic} {each.kind}" for each in residuals)
+    note = (
+        f"residuals of {names} are not white: the noise is coloured, or something acts that the scene does not have. "
+        "All intervals are doubled for that; under a torque that is constant it may not be enough"
+    )
+    return [note] if residuals else []
+
+
 class _Report:
     """What a fit tells, with errors."""
 
@@ -391,7 +400,10 @@ class _Report:
             agreeing=self.fit.agreeing,
             converged=self.fit.converged,
             principal_errors=(first, second, third),
-            notes=tuple(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
+            notes=(
+                *(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
+                *_coloured([each for each in self.residuals if each.explained and not each.white]),
+            ),
             predicted=tuple(self.fit.predicted),
         )
 

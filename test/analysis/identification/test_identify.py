@@ -220,8 +220,16 @@ def test_residuals_beyond_noise_are_told_and_errors_doubled() -> None:
     found = identify(guess(body), [replace(flight, streams=(replace(gyro, values=gyro.values + wave),))], ["inertia"])
     (left,) = found.residuals
 
+    faint = replace(gyro, values=gyro.values + 0.1 * wave)
+    hidden = identify(guess(body), [replace(flight, streams=(faint,))], ["inertia"])
+
     assert clean.explained
     assert clean.residuals[0].white
+    assert not any("white" in note for note in clean.notes)
+    # Within the noise, but not white: that is said beside the intervals.
+    assert hidden.explained
+    assert not hidden.residuals[0].white
+    assert any("are not white" in note and "it may not be enough" in note for note in hidden.notes)
     assert clean.residuals[0].times_noise == pytest.approx(1.0, abs=0.2)
     assert found.passed
     assert not found.explained
