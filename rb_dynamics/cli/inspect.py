@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_many, add_window
 from rb_dynamics.cli.topics import add_topics, chosen_topics
-from rb_dynamics.numerics.argument_checks import quaternion
 from rb_dynamics.numerics.number_parsing import real_number
 from rb_dynamics.numerics.option_types import real
 
@@ -128,6 +127,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _attitude(text: str) -> Quaternion:
+    from rb_dynamics.numerics.argument_checks import quaternion
+
     try:
         return quaternion([real_number(part) for part in text.split(",")], "the attitude")
     except ValueError as error:
