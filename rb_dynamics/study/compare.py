@@ -73,6 +73,8 @@ def compare(
         LogError: a recording cannot be read, or nothing can be compared.
         SceneError: a scene is not valid.
     """
+    if isinstance(bound, Mapping) and not bound:
+        raise ValueError(f"bound names nothing, expected {' or '.join(MOTION)}; leave it out to judge nothing")
     for name, most in bound.items() if isinstance(bound, Mapping) else [("", bound)]:
         if name and name not in MOTION:
             raise ValueError(f"bound names {shown(name)}, expected {' or '.join(MOTION)}; name one of these")

@@ -126,7 +126,10 @@ def test_each_body_moves_as_it_would_alone(seed: int, method: str, count: int, s
 
 
 @needs_numba
-@pytest.mark.parametrize(("method", "count"), [("rk4", 3), ("rk4", 70), ("euler", 20), ("exact", 20), ("radau", 3)])
+@pytest.mark.parametrize(
+    ("method", "count"),
+    [("rk4", 3), ("rk4", 70), pytest.param("euler", 20, marks=pytest.mark.slow), ("exact", 20), ("radau", 3)],
+)
 def test_compiled_too(monkeypatch: pytest.MonkeyPatch, method: str, count: int) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     monkeypatch.setattr("rb_dynamics.motion.batch_kernel.WORTH_A_THREAD", 1)

@@ -362,6 +362,8 @@ def test_each_quantity_may_have_a_bound_of_its_own(
     assert found.beyond == ("position",)
     with pytest.raises(ValueError, match="bound names 'speed', expected attitude or position"):
         rb.compare(log, heavier, bound={"speed": 1.0})
+    with pytest.raises(ValueError, match="bound names nothing"):
+        rb.compare(log, heavier, bound={})
     assert main(["compare", str(log), str(heavier), "--bound", f"attitude=1e-9,position={0.9 * most!r}"]) == 1
     assert f"BEYOND 1e-09 rad and {0.9 * most:g} m: position" in capsys.readouterr().out
     assert main(["compare", str(log), str(heavier), "--bound", "attitude=1e-9"]) == 0
