@@ -251,7 +251,8 @@ def test_a_best_effort_commander_is_heard_beside_a_reliable_one_each_command_onc
         expected = {"wrench: accepted": str(sent + 2), "wrench: lost": "0"}
         peer.until(lambda: bool(diagnostics) and expected.items() <= values(diagnostics[-1]).items(), f"{expected}")
         assert "wrench: incompatible QoS" not in values(diagnostics[-1])
-        assert diagnostics[-1].status[0].level == b"\x00", diagnostics[-1].status[0].message
+        # Of QoS alone: a busy machine may have made it fall behind, which is a warning of its own.
+        assert "QoS" not in diagnostics[-1].status[0].message
         peer.node.create_subscription(PoseStamped, "pose", lambda _: None, TRANSIENT)
         peer.until(
             lambda: values(diagnostics[-1]).get("pose: incompatible QoS") == "1", "the reader's mismatch counted"
