@@ -329,7 +329,11 @@ class _Pending(NamedTuple):
 
 
 class WrenchChannels:
-    """The channels of one run, in the order of the scene."""
+    """The channels of one run, in the order of the scene.
+
+    Attributes:
+        lag: whether one of them follows its commands with a lag.
+    """
 
     def __init__(
         self,
@@ -344,6 +348,7 @@ class WrenchChannels:
         """
         self._channels = (*channels, *(Channel(name) for name in effects))
         self._commanded = len(channels)
+        self.lag = any(channel.lag for channel in channels)
         self._index = {c.topic.lstrip("/"): i for i, c in enumerate(channels)}
         self._timeout_ns = [channel.timeout_ns for channel in self._channels]
         self._delay_ns = [channel.delay_ns for channel in self._channels]
@@ -567,7 +572,8 @@ class WrenchChannels:
     def next_change_ns(self) -> int | None:
         """Return when the held wrench changes next: a command or a timeout; None if it never does."""
         times = [hold.expires_ns for hold in self._holds if hold.expires_ns is not None]
-        times += [transient.end_ns for transient in self.transients()]
+        if self.lag:
+            times += [transient.end_ns for transient in self.transients()]
         if self._queue:
             times.append(self._queue[0].time_ns)
         if self._table is not None and self._row < len(self._table.time_ns):

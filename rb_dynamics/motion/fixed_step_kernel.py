@@ -14,6 +14,7 @@ plain Python, which raises the error.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
 import math
 import os
@@ -48,6 +49,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.native_code import Native
 
 WITH_EFFECTS = "_with_effects"
 """Ends the names of kernels for scenes that have some."""
@@ -244,7 +246,7 @@ class OnDemand:
         """
         self._method, self._function, self._signature = method, function, signature
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
-        self._compiled: Callable[..., Any] | None = None
+        self._compiled: Native | None = None
         self._given_up = False
         # How often it may still be asked for until it is looked for again.
         self._look_after = 0
@@ -264,7 +266,7 @@ class OnDemand:
             return True
         return tally.beside and _when() == "auto" and self.get(missed, missed) is not None
 
-    def get(self, ahead: float, missed: float) -> Callable[..., Any] | None:
+    def get(self, ahead: float, missed: float) -> Native | None:
         """Return the compiled function; None if it is not worth compiling for `ahead` more steps.
 
         In that case `missed` of them will be taken without it.
@@ -288,6 +290,9 @@ class OnDemand:
     def _is_worth(self, tally: Tally, ahead: float) -> bool:
         """Return whether it is to be compiled now, or loaded; where another process is to compile it, ask that."""
         if self._given_up or not available():
+            return False
+        if _when() == "cached" and not is_cached(self.name):
+            self._give_up(f"nothing is compiled now; `rb-dynamics compile {self.name}` does it ahead")
             return False
         steps = tally.expected(self, ahead)
         if steps >= (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
@@ -353,15 +358,18 @@ class Kernel(OnDemand):
         compiled = self.get(ahead, missed)
         if compiled is None:
             return None
-        import numpy as np
-
-        numbers = np.empty(CONSTANTS + PHASE + len(effects))
+        numbers = _doubles(CONSTANTS + PHASE + len(effects))()
         if effects:
-            numbers[CONSTANTS + PHASE :] = effects
-        _NUMBERS.pack_into(numbers.data, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
-        compiled(numbers, h, n)
-        end = _PHASE.unpack_from(numbers.data, 8 * CONSTANTS)
+            numbers[CONSTANTS + PHASE :] = [*effects]
+        _NUMBERS.pack_into(numbers, 0, *constant_numbers(inertia, held), *phase_numbers(phase))
+        compiled.on_doubles(numbers, h, n)
+        end = _PHASE.unpack_from(numbers, 8 * CONSTANTS)
         return phase_of(end) if all(map(math.isfinite, end)) else None
+
+
+@cache
+def _doubles(count: int) -> type[ctypes.Array[ctypes.c_double]]:
+    return ctypes.c_double * count
 
 
 def compiles(method: Method, *, effects: bool = False) -> bool:
@@ -389,8 +397,10 @@ def longest_in_plain(method: Method, worth: float) -> float:
 
 def _when() -> str:
     found = os.environ.get("RB_DYNAMICS_COMPILE", "auto")
-    if found not in ("never", "auto", "always"):
-        raise RigidBodyError(f"RB_DYNAMICS_COMPILE is {found!r}, expected never, auto or always; set one, or unset it")
+    if found not in ("never", "cached", "auto", "always"):
+        raise RigidBodyError(
+            f"RB_DYNAMICS_COMPILE is {found!r}, expected never, cached, auto or always; set one, or unset it"
+        )
     if found == "always" and not available():
         raise MissingExtraError("numba", "fast", "RB_DYNAMICS_COMPILE=always")
     return found

@@ -18,6 +18,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,7 @@ from rb_dynamics.ros.settings import (
     scene_overrides,
 )
 from rb_dynamics.ros.start_arguments import shared_parameters
+from rb_dynamics.run.edges_ahead import FEWEST
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink, StateChange
 from rb_dynamics.run.stop_signals import stop_signals
@@ -77,6 +79,8 @@ _LAST_LOOK = 0.0004
 _FINDS_S = 1.0
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
 _PR_SET_TIMERSLACK, _SLACK_NS = 29, 1
+# Says what is compiled: docs/how-to/install.md.
+_COMPILE = "RB_DYNAMICS_COMPILE"
 
 
 # ns between the ticks of a timer: so soon are commands and services noticed, and so seldom is the executor woken.
@@ -210,6 +214,7 @@ class RigidBodyNode(Node):
                 self.finish()
 
         timer = self.create_timer(period, tick, clock=RosClock(clock_type=ClockType.STEADY_TIME))
+        _time_begins()
         runner.go()
 
     def _miss_logs(self) -> None:
@@ -527,9 +532,31 @@ class RigidBodyNode(Node):
 
 
 def _warm_up(scene: Scene) -> None:
-    """Compile kernels now, before time starts."""
-    if scene.solver.step is not None and os.environ.get("RB_DYNAMICS_COMPILE") == "always":
-        Simulation(scene).advance(round(2 * scene.solver.step * NANOSECONDS))
+    """Compile now what the run may need, if anything is to be compiled: see `_time_begins`."""
+    step = scene.solver.step
+    rate = scene.output_rate if step is None else 1.0 / step
+    if os.environ.get(_COMPILE) == "always" and rate:
+        # As many outputs as are computed at once where the node has fallen behind.
+        Simulation(replace(scene, output_rate=rate)).advance(round(2 * FEWEST / rate * NANOSECONDS))
+
+
+def _time_begins() -> None:
+    """From now on load what has been compiled, and compile nothing: it would hold the body up for seconds."""
+    if os.environ.get(_COMPILE) == "always":
+        os.environ[_COMPILE] = "cached"
+
+
+@contextlib.contextmanager
+def _compiling_nothing() -> Iterator[None]:
+    """Compile nothing unless asked to: it takes seconds, and pays if there are many steps between two outputs."""
+    given = os.environ.get(_COMPILE)
+    os.environ[_COMPILE] = given or "never"
+    try:
+        yield
+    finally:
+        del os.environ[_COMPILE]
+        if given is not None:
+            os.environ[_COMPILE] = given
 
 
 def _waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
@@ -558,10 +585,7 @@ def spin(
     """
     stop: list[int] = []
     with stop_signals(stop.append, signal.SIGINT), contextlib.ExitStack() as stack:
-        if "RB_DYNAMICS_COMPILE" not in os.environ:
-            # Compilation takes seconds, and pays if there are many steps between two outputs.
-            os.environ["RB_DYNAMICS_COMPILE"] = "never"
-            stack.callback(os.environ.pop, "RB_DYNAMICS_COMPILE", None)
+        stack.enter_context(_compiling_nothing())
         with told_by_ros():
             # rclpy's own handlers would shut the context down before the logs are closed.
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
@@ -598,6 +622,7 @@ def _end_sleeps_in_time() -> None:
 
 
 def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
+    _time_begins()
     for node in nodes:
         node.runner.go()
     next_spin = 0.0

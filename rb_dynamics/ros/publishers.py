@@ -7,6 +7,8 @@ again would cost several times as much.
 from __future__ import annotations
 
 import importlib
+import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -53,6 +55,8 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
+# s between two looks for readers.
+_LOOK = 0.005
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,9 @@ class TopicSink:
         """
         self._node, self._asked, self._health, self._runner = node, topics, health, runner
         self._newest: tuple[Sample, int] | None = None
+        # What is read, and when that was looked for, s.
+        self._read: list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]] = []
+        self._looked = -math.inf
         self.publishers: list[Publisher] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._inertia = self._created(*MASS_PROPERTIES, latched)
@@ -131,6 +138,7 @@ class TopicSink:
         packers |= self._with_covariance(run.scene)
         for name, topic in self._samples.items():
             topic.pack = packers.get(name)
+        self._looked = -math.inf
         self._encode_measurement = measurement_packers(run.scene)
         self._body_frame = run.scene.frames.body_frame
         stamp_ns = self._runner.stamped(run.scene.initial.time_ns) or 1
@@ -144,11 +152,11 @@ class TopicSink:
             stamp_ns = self._runner.stamped(event.time_ns)
             if stamp_ns is None:
                 return
-            self._newest, stamped = (event, stamp_ns), None
-            for topic in self._samples.values():
-                if topic.pack and (topic.kept or topic.publisher.get_subscription_count()):
-                    stamped = stamped or Stamped(event, stamp_ns)
-                    topic.publisher.publish(topic.pack(stamped))
+            self._newest = event, stamp_ns
+            if reading := self._readers():
+                stamped = Stamped(event, stamp_ns)
+                for publish, pack in reading:
+                    publish(pack(stamped))
         elif isinstance(event, Measurement):
             self._publish(event)
         elif isinstance(event, StateChange) and self._runner.stands_still:
@@ -157,6 +165,22 @@ class TopicSink:
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
             self._diagnostics.publish(encode_status(status, self._body_frame))
+
+    def _readers(self) -> list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]]:
+        """Return how to publish and pack each topic that is read.
+
+        While time goes on by itself, readers are looked for every few milliseconds: at 1 kHz it would cost as much as
+        the motion.
+        """
+        now = time.monotonic()
+        if now > self._looked + _LOOK or not self._runner.paced:
+            self._looked = now
+            self._read = [
+                (topic.publisher.publish, topic.pack)
+                for topic in self._samples.values()
+                if topic.pack and (topic.kept or topic.publisher.get_subscription_count())
+            ]
+        return self._read
 
     def _with_covariance(self, scene: Scene) -> dict[str, Callable[[Stamped], bytes]]:
         """Return what makes the messages that have a covariance; a log has zeros in odom, as it has the truth."""

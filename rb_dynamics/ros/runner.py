@@ -101,6 +101,11 @@ class Runner:
         return self.paused or self.lockstep
 
     @property
+    def paced(self) -> bool:
+        """Whether time goes on as a clock does."""
+        return not (self.stands_still or self._free_running)
+
+    @property
     def behind(self) -> bool:
         """Whether there is something to compute before the present time."""
         return (self._reached_ns < self._goal_ns or self.steps_left > 0) and not self.done
@@ -112,7 +117,7 @@ class Runner:
 
     def every_second(self) -> None:
         """Let stamps follow ROS time if that was set anew, and tell once of each long wait in lockstep."""
-        if isinstance(self.pacer, Pacer) and not (self.stands_still or self._free_running):
+        if isinstance(self.pacer, Pacer) and self.paced:
             self.pacer.correct()
         wait = self._awaited() if self.lockstep and not (self.paused or self.behind or self.done) else ""
         self._waited = self._waited + 1 if wait == self._wait else 0
@@ -215,7 +220,7 @@ class Runner:
 
     def catch_up(self) -> None:
         """Advance to now, so that a change from outside acts now and not at the last output."""
-        if not (self.stands_still or self._free_running):
+        if self.paced:
             self.tick()
 
     @property
@@ -477,7 +482,7 @@ class Runner:
 
     def _arrived_ns(self, age_ns: int) -> int:
         """Return the simulation time `age_ns` ago, possibly between two outputs, but not before the last."""
-        if self.stands_still or self._free_running:
+        if not self.paced:
             return self.simulation.time_ns
         # Give up a lag before a command gets its time from it.
         return max(self.simulation.time_ns, self._due_ns() - self.pacer.since(max(0, age_ns)))

@@ -508,9 +508,12 @@ class Simulation:
         """Tell the sinks the state, and what acts of what is on its way."""
         if self._sinks:
             self.write(self.sample)
-            going = self._channels.on_their_way(self.time_ns, self._phase.orientation)
-            for event in (*going, *(self._bank.on_their_way(self.time_ns) if self._bank is not None else ())):
-                self.write(event)
+            if self._channels.lag:
+                for event in self._channels.on_their_way(self.time_ns, self._phase.orientation):
+                    self.write(event)
+            if self._bank is not None:
+                for actuator in self._bank.on_their_way(self.time_ns):
+                    self.write(actuator)
 
     def _nearest_ns(self, output_ns: int, change_ns: int | None) -> int:
         """Return the earliest of an output, a change, the next sample of a sensor, and the end."""
@@ -523,7 +526,8 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        if self._period_ns is None or self._goes_edge_by_edge:
+        few = self._period_ns is None or self._ahead.count(self.time_ns, until_ns) < FEWEST
+        if few or self._goes_edge_by_edge:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
         if self._knots:

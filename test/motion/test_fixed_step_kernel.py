@@ -366,10 +366,26 @@ def test_never_means_never(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fixed_step_kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 10**9, 10**9) is None
 
 
+@needs_numba
+def test_cached_compiles_nothing_and_says_how_to(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "cached")
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    inertia, held, step, phase = case(random.Random(5))
+    runs = fixed_step_kernel.Kernel(METHODS["rk4"])
+
+    with fixed_step_kernel.counted_by(tally := fixed_step_kernel.Tally()):
+        assert [runs.after(inertia, held, step, 1, phase, 10**9, 10**9) for _ in "12"] == [None, None]
+
+    assert (tally.built, list(tmp_path.iterdir())) == ({}, [])
+    assert caplog.text.count("`rb-dynamics compile _run_on_numbers_rk4` does it ahead") == 1
+
+
 def test_an_unknown_word_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "sometimes")
 
-    with pytest.raises(RigidBodyError, match="'sometimes', expected never, auto or always"):
+    with pytest.raises(RigidBodyError, match="'sometimes', expected never, cached, auto or always"):
         end(METHODS["rk4"], case(random.Random(5)))
 
 
