@@ -19,7 +19,8 @@ from rb_dynamics.motion.variational_equations import VARIATIONAL
 def usual_kernels() -> dict[str, OnDemand]:
     """Return those of runs by `auto` under wrenches and under all effects, and of `identify`."""
     of_methods = [each for name in CANDIDATES[LoadDependence.HELD] for each in _of(METHODS[name])]
-    of_methods += [each for name in CANDIDATES[LoadDependence.ANY] for each in _of(METHODS[name], effects=True)]
+    under_effects = dict.fromkeys(CANDIDATES[LoadDependence.FIELD] + CANDIDATES[LoadDependence.ANY])
+    of_methods += [each for name in under_effects for each in _of(METHODS[name], effects=True)]
     return _by_name([NO_STRIDES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 

@@ -31,5 +31,6 @@ def test_compiles_what_it_is_told(
 def test_every_kernel_has_a_name_of_its_own() -> None:
     usual, every = usual_kernels(), every_kernel()
 
-    assert {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853"} <= usual.keys() < every.keys()
+    named = {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853", "_run_on_numbers_dlm6_with_effects"}
+    assert named <= usual.keys() < every.keys()
     assert all(kernel.name == name for name, kernel in every.items())
