@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, identify
+from rb_dynamics.analysis.identification.omissions import CHANCE
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 
 DELAY = 0.02
@@ -102,13 +103,14 @@ def print_lacking(count: int, first: int) -> None:
         except KeyboardInterrupt:
             break
         rows[kind].append((found, off))
-    print("| the model lacks | flights | nothing known | not explained | coverage of 95 % | worst number |")
-    print("|---|---|---|---|---|---|")
+    print("| the model lacks | flights | found | nothing known | not explained | coverage of 95 % | worst number |")
+    print("|---|---|---|---|---|---|---|")
     for kind, some in {**rows, "all": [each for part in rows.values() for each in part]}.items():
         off = np.concatenate([each for _, each in some])
         unknown, told = sum(not each for _, each in some), sum(not found.explained for found, _ in some)
+        named = sum(any(each.found for each in found.omissions) for found, _ in some)
         shown = f"{100 * np.mean(off < 1.96):.1f} % | {off.max():.1f} standard errors off"
-        print(f"| {kind} | {len(some)} | {unknown} | {told} | {shown} |")
+        print(f"| {kind} | {len(some)} | {named} | {unknown} | {told} | {shown} |")
 
 
 def main() -> None:
@@ -124,7 +126,7 @@ def main() -> None:
         print_lacking(count, first)
         return
     every: dict[str, list[tuple[float, bool]]] = {}
-    wrong = unknown = restless = coloured = unexplained = 0
+    wrong = unknown = restless = coloured = unexplained = lacking_something = 0
     begin = time.monotonic()
     done = 0
     for seed in range(first, first + count):
@@ -136,6 +138,7 @@ def main() -> None:
         unknown, restless = unknown + missing, restless + (not found.converged)
         coloured += not all(each.white for each in found.residuals)
         unexplained += not found.explained
+        lacking_something += any(each.chance <= CHANCE for each in found.omissions)
         if max((abs(off) for group in errors.values() for off, _ in group), default=0.0) > WRONG:
             wrong += 1
             print(f"wrong: seed {seed}", file=sys.stderr, flush=True)
@@ -143,7 +146,7 @@ def main() -> None:
         for name, group in errors.items():
             every.setdefault(name, []).extend(group)
     print(f"{done} flights; wrong minima: {wrong}; not at rest: {restless}; numbers not known: {unknown}")
-    print(f"false alarms: {coloured} not white, {unexplained} not explained\n")
+    print(f"false alarms: {coloured} not white, {unexplained} not explained, {lacking_something} of what is lacking\n")
     print("| number | values | coverage of 95 % | scatter over Cramér–Rao |\n|---|---|---|---|")
     for name in GROUPS:
         off = np.array([value for value, _ in every[name]])

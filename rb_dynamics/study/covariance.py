@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -185,7 +186,7 @@ def covariance(
 def _groups(names: Sequence[str]) -> tuple[str, ...]:
     """Return what of a `Model` the names need."""
     found = dict.fromkeys(name.partition(".")[0] for name in names if not name.startswith("effects["))
-    keys = dict.fromkeys(".".join(name.split(".")[:2]) for name in names if name.startswith("effects["))
+    keys = dict.fromkeys(re.sub(r"\.[xyz]$", "", name) for name in names if name.startswith("effects["))
     return tuple(name for name in (*found, *keys) if name != "initial")
 
 

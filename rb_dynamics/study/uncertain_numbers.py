@@ -18,6 +18,7 @@ from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.yaml.document import parse, plain
 from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.scene.model import Scene
 
@@ -137,10 +138,14 @@ def _axes(name: str, scene: Scene) -> tuple[str, ...] | None:
         return AXES
     if name == "center_of_mass" or name in {f"initial.{part}" for part in STATE}:
         return tuple("xyz")
-    match = re.fullmatch(r"effects\[([0-9]{1,6})\]\.(\w+)", name)
+    match = re.fullmatch(r"effects\[([0-9]{1,6})\]\.(?:schedule\[([0-9]{1,6})\]\.)?(\w+)", name)
     if match is None or int(match[1]) >= len(scene.effects):
         return None
-    value = getattr(scene.effects[int(match[1])], match[2], None)
+    effect: Any = scene.effects[int(match[1])]
+    if match[2] is not None:
+        entries = effect.entries if isinstance(effect, ScheduledWrench) else ()
+        effect = entries[int(match[2])][1] if int(match[2]) < len(entries) else None
+    value = getattr(effect, match[3], None)
     return None if value is None else tuple("xyz") if isinstance(value, tuple) and len(value) == 3 else ("",)
 
 

@@ -21,7 +21,7 @@ _CHANCE = 1e-4
 _LAGS = 10
 # By how much an error of the model makes errors larger than coloured noise does: with it intervals hold 94 of 100
 # values where a torque, a drag or an error of a sensor is not in the model (docs/identify.md).
-_DOUBT = 2.0
+DOUBT = 2.0
 # rad that the body turns in the longest mean of samples in which noise is looked for: residuals of a wrong motion
 # hardly change in it.
 _SHORT_TURN = 0.25
@@ -95,7 +95,7 @@ def widened(root: Array, streams: Sequence[Sequence[Band]]) -> tuple[Array, floa
         share = level * float(np.sum(band.by**2))
         mean, spread = mean + share, spread + share**2 / band.freedom
     values, vectors = np.linalg.eigh(gathered)
-    found: Array = _DOUBT**2 * root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T
+    found: Array = DOUBT**2 * root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T
     return found, mean**2 / spread if spread > 0.0 else 1.0
 
 

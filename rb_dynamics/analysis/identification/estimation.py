@@ -115,7 +115,17 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     costs = np.array([cost for cost, _ in found])
     best = found[int(costs.argmin())][1]
     agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
-    z, converged = best.x, bool(best.status > 0)
+    found_fit = settled(model, best.x, noise, loss, bool(best.status > 0))
+    bar.step()
+    return found_fit._replace(starts=len(found), agreeing=agreeing)
+
+
+def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converged: bool = True) -> Fit:
+    """Return the fit near parameters, with the noise of each sensor and the steps that it takes.
+
+    Raises:
+        LogError: the motion runs away.
+    """
     for _ in range(6):
         before = dict(noise)
         noise = _estimated(model, z, noise, loss)
@@ -125,10 +135,9 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
             break
         again = _least_squares(model, z, noise, loss, None)
         z, converged = again.x, bool(again.status > 0)
-    bar.step()
     predicted = list(model.predict(z))
     left, weighted = _of_a_motion(model, predicted, noise)
-    return Fit(z, noise, predicted, weighted, left, len(found), agreeing, converged)
+    return Fit(z, noise, predicted, weighted, left, 1, 1, converged)
 
 
 def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
@@ -209,8 +218,8 @@ def _starts(model: Model, count: int, noise: dict[Key, float], until: Sequence[i
 
 def _misfit(model: Model, z: Array, noise: dict[Key, float], until: Sequence[int] | None) -> float:
     """Return the sum of squares that parameters leave; infinite where the motion runs away."""
-    left, by = _stacked(list(model.predict(z, until)), noise)
-    return float(left @ left) if _sane(left, by) else np.inf
+    left, by = stacked(list(model.predict(z, until)), noise)
+    return float(left @ left) if sane(left, by) else np.inf
 
 
 def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None) -> Any:
@@ -222,9 +231,9 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
         name = at.tobytes()
         if name not in cache:
             cache.clear()
-            left, by = _stacked(list(model.predict(at, until)), noise)
+            left, by = stacked(list(model.predict(at, until)), noise)
             # Where the motion runs away its numbers do too, and their squares are no numbers at all.
-            if not _sane(left, by):
+            if not sane(left, by):
                 left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
                 by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
             # As much as noise leaves, a constant: an improvement counts against it, also where nothing is left.
@@ -233,8 +242,8 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
             by = np.vstack([by, np.eye(len(at)) / _FAR, np.zeros((1, len(at)))])
             if loss == "linear":
                 # Q^T of both: the same cost and the same step, from as few rows as there are parameters.
-                triangle = _triangle(np.column_stack([by, left]))
-                left, by = triangle[:, -1], triangle[:, :-1]
+                root = triangle(np.column_stack([by, left]))
+                left, by = root[:, -1], root[:, :-1]
             cache[name] = left, by
         return cache[name]
 
@@ -250,7 +259,7 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
     )
 
 
-def _triangle(matrix: Array) -> Array:
+def triangle(matrix: Array) -> Array:
     """Return R of the QR decomposition, block by block: with small matrices LAPACK does not wait for threads."""
     columns = matrix.shape[1]
     block = 4 * columns
@@ -262,12 +271,13 @@ def _triangle(matrix: Array) -> Array:
 
 def information(by: Array) -> Array:
     """Return J^T J of derivatives over noise."""
-    root = _triangle(by)
+    root = triangle(by)
     found: Array = root.T @ root
     return found
 
 
-def _stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
+def stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
+    """Return residuals (n,) and derivatives (n, p) of all streams over noise, one below the other."""
     left = [each.left.ravel() / noise[each.key] for each in predicted]
     by = [each.by.reshape(-1, each.by.shape[2]) / noise[each.key] for each in predicted]
     return np.concatenate(left), np.vstack(by)
@@ -279,8 +289,8 @@ def _of_a_motion(model: Model, predicted: Sequence[Predicted], noise: dict[Key, 
     Raises:
         LogError: the motion has run away.
     """
-    left, by = _stacked(predicted, noise)
-    if not _sane(left, by):
+    left, by = stacked(predicted, noise)
+    if not sane(left, by):
         raise LogError(
             f"{', '.join(flight.name for flight in model.flights)}: found no motion that follows the recording, "
             "expected one near that of the scene; correct body.inertia in the scene, which must be of the right order, "
@@ -289,7 +299,7 @@ def _of_a_motion(model: Model, predicted: Sequence[Predicted], noise: dict[Key, 
     return left, by
 
 
-def _sane(left: Array, by: Array) -> bool:
+def sane(left: Array, by: Array) -> bool:
     """Return whether neither residuals nor derivatives have run away, or are no numbers."""
     return all(float(np.abs(each).max(initial=0.0)) < _RUNAWAY for each in (left, by))
 

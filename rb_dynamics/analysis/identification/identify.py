@@ -6,32 +6,31 @@ about its own size, and it counts as told if the recordings make that several ti
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.coloured_noise import (
-    Band,
-    bands_of,
-    noise_beneath,
-    root_of,
-    whiteness,
-    widened,
-)
+from rb_dynamics.analysis.identification.coloured_noise import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
-from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, floor_of, information
-from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, Flight, read_flight
+from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
+from rb_dynamics.analysis.identification.flights import Flight, read_flight
+from rb_dynamics.analysis.identification.omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
+from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.loads.drag import QuadraticDrag
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, shown, whole_number
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
@@ -46,21 +45,23 @@ GROUPS = (
 STARTS = 4
 """Starts of a fit: the body of the scene, and others."""
 
-# A direction is told if its standard error is at most this part of what is plausible, and a number if at most this part
-# of its change is in directions that are not.
-_TOLD = 0.3
+# A number is told if at most this part of its change is in directions that are not.
 _HIDDEN = 0.05
+# More of them explain anything.
+_MOST_OMISSIONS = 2
 # Against the direction in which the inertia changes most: less is rounding.
 _FLAT = 1e-10
-# Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
-# throws whose truth is known 4.3. A fit that does not explain so much of the motion itself tells nothing.
-_EXPLAINED, _FOLLOWED = 5.0, 0.1
 _UNITS = {
     "mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "inertia_ratios": "", "rotation": "rad",
     "angular_velocity_body": "rad/s", "position_world": "m", "linear_velocity_world": "m/s", "gyro_bias": "rad/s",
     "gyro_scale": "", "gyro_alignment": "rad", "accelerometer_bias": "m/s^2", "accelerometer_position": "m",
-    "delay": "s", "wrench_scale": "", "acceleration_world": "m/s^2", "medium_velocity_world": "m/s",
-    "axial_inertia": "kg m^2", "axis_body": "", "spin_rate": "rad/s",
+    "delay": "s", "wrench_scale": "",
+}  # fmt: skip
+# Of all but quadratic drag, and of that.
+_UNITS_OF_EFFECTS = {
+    "rotation": ("N m s/rad", "N m s^2/rad^2"), "translation": ("N s/m", "N s^2/m^2"), "force": ("N",) * 2,
+    "torque": ("N m",) * 2, "acceleration_world": ("m/s^2",) * 2, "medium_velocity_world": ("m/s",) * 2,
+    "axial_inertia": ("kg m^2",) * 2, "spin_rate": ("rad/s",) * 2,
 }  # fmt: skip
 
 
@@ -88,45 +89,6 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Residuals:
-    """What the fit leaves of one kind of measurement of a topic.
-
-    Attributes:
-        topic: as recorded.
-        kind: what it measures.
-        unit: of `rms` and `noise`.
-        count: samples.
-        rms: of one component.
-        noise: of one component, as the fit estimates it.
-        white: whether they are independent, as noise is.
-        correlation: of neighbouring samples.
-        times_noise: `rms` over the noise that the quickest changes show, which no model explains.
-        unexplained: `rms` over that of the motion.
-    """
-
-    topic: str
-    kind: str
-    unit: str
-    count: int
-    rms: float
-    noise: float
-    white: bool
-    correlation: float
-    times_noise: float
-    unexplained: float
-
-    @property
-    def explained(self) -> bool:
-        """Whether the model explains them, but for noise."""
-        return self.times_noise <= _EXPLAINED
-
-    @property
-    def follows(self) -> bool:
-        """Whether the fit is of this motion at all."""
-        return self.explained or self.unexplained <= _FOLLOWED
-
-
-@dataclass(frozen=True)
 class Identification:
     """What recordings tell about a body.
 
@@ -145,6 +107,8 @@ class Identification:
         principal_errors: standard errors of the principal moments, ascending; infinite where not known.
         notes: on how the recordings were read, and what bears on the errors.
         predicted: residuals over time.
+        omissions: loads that the scene does not have and errors of sensors that were not to be fitted: first those that
+            were found, which the fit and the scene here have, then those that were tried.
         validation: residuals of recordings that were held out; of those the start alone is fitted.
     """
 
@@ -162,6 +126,7 @@ class Identification:
     principal_errors: tuple[float, float, float]
     notes: tuple[str, ...]
     predicted: tuple[Predicted, ...]
+    omissions: tuple[Omission, ...] = ()
     validation: tuple[Residuals, ...] = ()
 
     @property
@@ -221,6 +186,7 @@ class Identification:
             "starts_agreeing": self.agreeing,
             "converged": self.converged,
             "explained": self.explained,
+            "omissions": [each.as_dict() for each in self.omissions],
             "validation": _by_topic(self.validation),
             "notes": list(self.notes),
         }
@@ -298,14 +264,69 @@ def identify(
         flight.require_dense()
     flights, held_out = ([flight.require_agreement() for flight in some] for some in (flights, held_out))
     model = Model(known, flights, names or _default(flights))
-    found = fitted(model, starts, loss, seed, progress)
-    result = _Report(model, found, names).identification()
+    # A fit waits for its kernel: without it each flight takes a hundred times as long.
+    with counted_by(Tally()):
+        result = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
     if held_out:
         sensors = tuple(name for name in model.fit if name == "gyro_bias")
         rest = Model(result.scene, held_out, ("initial", *sensors))
         alone = fitted(rest, 1, loss, seed)
-        result = replace(result, validation=tuple(_residuals(rest, alone, _bands(alone, alone.weighted))))
+        result = replace(result, validation=tuple(residuals_of(rest, alone, fit_bands(alone, alone.weighted))))
     return result
+
+
+def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> Identification:
+    """Return what a fit tells, with what it lacked if that explains all that it left.
+
+    What is sure but explains a part only is not the truth either: the fit stays, and its errors are widened by as much
+    as that would move the numbers.
+    """
+    bare = _Report(model, fit, names)
+    result = bare.identification()
+    tried = first_tried = trials(model, fit)
+    wide, found = bare, list[tuple[Trial, float]]()
+    while (best := best_with(wide.model, wide.fit, tried, loss)) and len(found) < _MOST_OMISSIONS:
+        found.append((best[0], wide.shift(best[0].step)))
+        wide = _Report(best[1], best[2], names, doubtful=True)
+        whole = wide.identification()
+        tried = trials(wide.model, wide.fit, [trial for trial, _ in found])
+        if all(each.white and each.explained for each in whole.residuals):
+            sure = [wide.settled(trial).omission(shift, True) for trial, shift in found]
+            others = [trial.omission(wide.shift(trial.step)) for trial in tried]
+            return replace(whole, omissions=(*sure, *others), notes=(*_of_omissions(sure), *whole.notes))
+    others = [trial.omission(bare.shift(trial.step)) for trial in first_tried]
+    part = [each for each in others if each.chance <= CHANCE]
+    if part:
+        steps = [trial.step for trial in first_tried if trial.chance <= CHANCE]
+        result = _Report(model, fit, names, moved=steps).identification()
+    return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes))
+
+
+def _of_parts(part: Sequence[Omission]) -> list[str]:
+    """Return what a person should know of what explains a part of what a fit leaves."""
+    return [
+        f"{each.what} of about ({', '.join(f'{v:.3g}' for v in each.value)}) {each.unit}".rstrip()
+        + f" that nobody told of would explain a part of the residuals, not all, and move numbers of the body by up to "
+        f"{each.shift:.2g} standard errors: intervals are so wide that they hold that, too"
+        for each in part
+    ]
+
+
+def _of_omissions(found: Sequence[Omission]) -> list[str]:
+    """Return what a person should know of what was fitted although it was not asked for."""
+    notes = []
+    for each in found:
+        values, errors = (", ".join(f"{v:.3g}" for v in some) for some in (each.value, each.standard_error))
+        remedy = f"--fit {each.names[0].partition('[')[0].partition('.')[0]}"
+        if each.entry is not None:
+            remedy = f"effects: [{json.dumps(each.entry)}] in the scene and its numbers in --fit"
+        notes.append(
+            f"{each.what} of ({values}) ± ({errors}) {each.unit}".rstrip()
+            + f" that nobody told of explains the residuals: it is fitted, too, as {', '.join(each.names)}. Without it "
+            f"numbers of the body would be up to {each.shift:.2g} standard errors elsewhere. It may be something else "
+            f"that looks like it, so that all intervals are doubled; if you know that it is there, write {remedy}"
+        )
+    return notes
 
 
 def _flight(
@@ -346,7 +367,7 @@ def _coloured(residuals: Sequence[Residuals]) -> list[str]:
     names = ", ".join(f"{each.topic} {each.kind}" for each in residuals)
     note = (
         f"residuals of {names} are not white: the noise is coloured, or something acts that the scene does not have. "
-        "All intervals are doubled for that; under a torque that is constant it may not be enough"
+        "All intervals are doubled for that"
     )
     return [note] if residuals else []
 
@@ -354,21 +375,30 @@ def _coloured(residuals: Sequence[Residuals]) -> list[str]:
 class _Report:
     """What a fit tells, with errors."""
 
-    def __init__(self, model: Model, fit: Fit, names: Sequence[str]) -> None:
+    def __init__(
+        self, model: Model, fit: Fit, names: Sequence[str], doubtful: bool = False, moved: Sequence[Array] = ()
+    ) -> None:
+        """Take a fit; errors are doubled if it is `doubtful`, and hold steps by which something else has `moved` it."""
         self.model, self.fit, self.names, self.z = model, fit, names, fit.z
         self.changes: list[Array] = []
+        self.told: tuple[Parameter, ...] = ()
         self.local = self._local()
         weighted = fit.weighted @ self.local
         told = information(weighted)
         self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
-        bands = _bands(fit, weighted)
-        self.residuals = _residuals(model, fit, bands)
+        bands = fit_bands(fit, weighted)
+        self.residuals = residuals_of(model, fit, bands)
         if not all(each.white for each in self.residuals):
             self.covariance, freedom = widened(root_of(self.covariance), bands)
+        elif doubtful:
+            self.covariance *= DOUBT**2
+        for step in moved:
+            near = np.linalg.solve(self.local, step)
+            self.covariance = self.covariance + np.outer(near, near)
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
-        self.unseen = directions[:, values > _TOLD**2]
+        self.unseen = directions[:, values > TOLD**2]
         if not self.follows:
             # All that is told is that the scene is not that of the recording: its values stay.
             self.unseen, self.z = directions, np.zeros(len(fit.z))
@@ -377,7 +407,7 @@ class _Report:
         self.quantile = float(stdtrit(freedom, 0.975))
 
     def identification(self) -> Identification:
-        parameters = tuple(self._parameters())
+        parameters = self.told = tuple(self._parameters())
         body = self._body()
         _, axes = np.linalg.eigh(np.array(body.inertia))
         errors = [
@@ -406,6 +436,29 @@ class _Report:
             ),
             predicted=tuple(self.fit.predicted),
         )
+
+    def shift(self, step: Array) -> float:
+        """Return by how many of its standard errors a step moves that number of the body which it moves most.
+
+        Of what `identification` has told.
+        """
+        moved = [
+            abs(float(by @ step)) / each.standard_error
+            for each, by in zip(self.told, self.changes, strict=True)
+            if each.standard_error and _of_body(each.name)
+        ]
+        return max(moved, default=0.0)
+
+    def settled(self, trial: Trial) -> Trial:
+        """Return what was tried and is fitted now, with the values and errors of the fit."""
+        names = [self._shown(name) for name in trial.blocks]
+        mine = [p for p in self.told if any(p.name == name or p.name.startswith(f"{name}.") for name in names)]
+        errors = [
+            before if each.standard_error is None else each.standard_error
+            for each, before in zip(mine, trial.standard_error.tolist(), strict=True)
+        ]
+        value = np.array([each.value for each in mine])
+        return trial._replace(blocks=tuple(names), value=value, standard_error=np.array(errors))
 
     def _local(self) -> Array:
         """Return the derivatives of the parameters by coordinates near the solution in which all plausibly change by 1.
@@ -437,13 +490,20 @@ class _Report:
         known = bool(np.isfinite(error)) and bool(by.any())
         self.changes.append(by)
         asked = group in self.names
-        unit = _UNITS.get(name.split(".", maxsplit=1)[0], "") or _UNITS.get(
-            name.split(".")[1] if "." in name else "", ""
-        )
+        unit = self._unit(name)
         if not known:
             return Parameter(name, value, None, None, unit, False, asked)
         half = self.quantile * error
         return Parameter(name, value, error, (value - half, value + half), unit, True, asked)
+
+    def _unit(self, name: str) -> str:
+        if name.startswith("effects["):
+            number, _, rest = name.removeprefix("effects[").partition("].")
+            found = [part for part in rest.split(".") if part in _UNITS_OF_EFFECTS]
+            units = _UNITS_OF_EFFECTS[found[0]] if found else ("", "")
+            return units[self.model.scene.effects[int(number)].kind == QuadraticDrag.kind]
+        parts = [_UNITS.get(part, "") for part in name.split(".")[:2]]
+        return next(filter(None, parts), "")
 
     def _covariance(self, parameters: Sequence[Parameter]) -> Array:
         """Return the covariance of the numbers, in the order in which they were made."""
@@ -544,7 +604,7 @@ class _Report:
         if not len(columns):
             return []
         values, vectors = np.linalg.eigh(self.covariance[np.ix_(columns, columns)])
-        directions = vectors[:, values > _TOLD**2]
+        directions = vectors[:, values > TOLD**2]
         return [_combination(vector, names) for vector in _simple(directions).T]
 
     def _advice(self, parameters: Sequence[Parameter]) -> list[str]:
@@ -657,7 +717,15 @@ def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Sce
             number, _, name = key.removeprefix("effects[").partition("].")
             given = tuple(value) if isinstance(value, list) else value
             given = ((0.0, value),) if name == "spin_rate" else given
-            effects[int(number)] = replace(effects[int(number)], **{name: given})  # type: ignore[type-var]
+            effect = effects[int(number)]
+            if isinstance(effect, ScheduledWrench):
+                k, _, part = name.removeprefix("schedule[").partition("].")
+                entries = [
+                    (time, replace(wrench, **cast(Any, {part: given})) if i == int(k) else wrench)
+                    for i, (time, wrench) in enumerate(effect.entries)
+                ]
+                name, given = "entries", tuple(entries)
+            effects[int(number)] = replace(effect, **{name: given})  # type: ignore[type-var]
     state = replace(scene.initial, **start)
     return with_true_text(replace(scene, body=body, initial=state, effects=tuple(effects), text=""))
 
@@ -726,55 +794,6 @@ def _rates_of(model: Model) -> Array:
     every = np.vstack(rows) if rows else np.zeros((1, 3))
     found: Array = every.T @ every / len(every)
     return found
-
-
-def _bands(fit: Fit, weighted: Array) -> list[list[Band]]:
-    """Return the bands of each stream of a fit, with its derivatives by any coordinates."""
-    told = information(weighted)
-    root = root_of(np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64))
-    return bands_of(fit.left, weighted @ root, [len(each.left) for each in fit.predicted])
-
-
-def _residuals(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:
-    found = []
-    for key in dict.fromkeys(each.key for each in fit.predicted):
-        mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key == key]
-        parts = [each.left for each, _ in mine]
-        every = np.vstack(parts)
-        white, correlation = whiteness(parts, [of for _, of in mine])
-        rms = _rms(every)
-        # Nothing is judged below what a recording is believed to show.
-        white = white or rms <= floor_of(model, key)
-        told = [noise for each, _ in mine if np.isfinite(noise := _beneath(model, each))]
-        beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
-        motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
-        # Without a motion, and of too few samples, there is nothing to judge by.
-        times, share = (float(rms / of) if of > 0.0 else 0.0 for of in (beneath, motion))
-        topic, kind = key
-        noise = fit.noise[key]
-        found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, noise, white, correlation, times, share))
-    return found
-
-
-def _rms(rows: Array) -> float:
-    return float(np.sqrt(np.mean(rows**2)))
-
-
-def _beneath(model: Model, each: Predicted) -> float:
-    """Return the noise of a sample beneath residuals."""
-    interval = float(np.median(np.diff(each.time_ns))) * 1e-9 if len(each.time_ns) > 1 else 0.0
-    steps = np.abs(np.diff(each.measured, axis=0))
-    least = float(steps[steps > 0.0].min(initial=np.inf))
-    turn = model.starts[each.flight].fastest * interval
-    return max(noise_beneath(each.left, turn, least if np.isfinite(least) else 0.0), floor_of(model, each.key))
-
-
-def _motion(each: Predicted) -> float:
-    """Return how much a stream changes: root mean square about its mean, of attitudes the turn since the first."""
-    if each.key[1] == ATTITUDE:
-        since = rotations.products(rotations.conjugates(each.measured[:1]), each.measured)
-        return _rms(rotations.logarithms(since))
-    return _rms(each.measured - each.measured.mean(axis=0))
 
 
 __all__ = ["GROUPS", "STARTS", "Body", "Identification", "Parameter", "identify"]

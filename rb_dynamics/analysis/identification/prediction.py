@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from rb_dynamics.analysis.identification.flights import (
     Flight,
     Stream,
 )
-from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, rows_of
+from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, ParameterBlock, rows_of
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
@@ -26,7 +27,7 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
-from rb_dynamics.loads.wrench import WORLD
+from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import ZERO
@@ -45,6 +46,7 @@ _PLACES = {
     (UniformGravity, "acceleration_world"): 25,
 }
 _ROTOR = ("axis_body", "axial_inertia", "spin_rate")
+_SCHEDULED = re.compile(r"schedule\[([0-9]{1,6})\]\.(force|torque)")
 
 # How often a flight is predicted in a fit, at least.
 _CALLS = 20
@@ -101,8 +103,8 @@ class Model:
         layout: where the parameters are.
     """
 
-    def __init__(self, scene: Scene, flights: Sequence[Flight], fit: Sequence[str]) -> None:
-        """Lay out the parameters that `fit` names.
+    def __init__(self, scene: Scene, flights: Sequence[Flight], fit: Sequence[str], like: Body | None = None) -> None:
+        """Lay out the parameters that `fit` names; effects are of a size that moves a body `like` that.
 
         Raises:
             SceneError: an effect of the scene is not modelled here, or `fit` names what the scene does not have.
@@ -113,6 +115,7 @@ class Model:
         self.flights = tuple(flight.without(unused) for flight in flights)
         self._require_modelled()
         self.inertia = InertiaParameters(scene.body)
+        self._like = like or Body(scene.body.mass, np.zeros(3), np.array(scene.body.inertia))
         self.starts = [_start(flight) for flight in self.flights]
         self.moves = [
             any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
@@ -217,6 +220,9 @@ class Model:
         """Whether a force acts at a point of the body, so that its torque changes with the centre of mass."""
         rows = [channel.held for flight in self.flights for channel in flight.channels]
         rows += [found[1] for effect in self.scene.effects if (found := _scheduled(effect, self.scene))]
+        for key in self.fit:
+            if key.startswith("effects[") and isinstance((place := self._place(key))[0], ScheduledWrench):
+                rows.append(_of_schedule(place[0], place[1], self.scene)[2])
         return any(each[:, 12:].any() for each in rows)
 
     def _lay_out_effects(self, arm: float) -> None:
@@ -280,11 +286,20 @@ class Model:
                 name in _ROTOR[:2] or (name == "spin_rate" and len(effect.spin_rate) == 1)
             ):
                 return effect, name, -1
+            entry = _SCHEDULED.fullmatch(name)
+            if isinstance(effect, ScheduledWrench) and entry and int(entry[1]) < len(effect.entries):
+                return effect, name, -1
         known = [
             f"effects[{i}].{name}"
             for i, effect in enumerate(effects)
-            for name in effect.keys
-            if (type(effect), name) in _PLACES or (isinstance(effect, Rotor) and name in _ROTOR)
+            for name in (
+                [f"schedule[{k}].{kind}" for k in range(len(effect.entries)) for kind in ("force", "torque")]
+                if isinstance(effect, ScheduledWrench)
+                else effect.keys
+            )
+            if (type(effect), name) in _PLACES
+            or (isinstance(effect, Rotor) and name in _ROTOR)
+            or isinstance(effect, ScheduledWrench)
         ]
         raise SceneError(
             f"{self.scene.source}: found {key!r} to be fitted, expected a number of an effect of the scene: "
@@ -293,18 +308,25 @@ class Model:
 
     def _add_effect(self, key: str) -> None:
         effect, name, _ = self._place(key)
-        value = getattr(effect, name)
+        if isinstance(effect, ScheduledWrench):
+            value: Any = _of_schedule(effect, name, self.scene)[1]
+        else:
+            value = getattr(effect, name)
         start = np.array([value[0][1]] if name == "spin_rate" else np.atleast_1d(value), dtype=np.float64)
-        body, start_of = self.scene.body, self.starts[0]
-        seconds = max(self._seconds(number) for number in range(len(self.flights)))
-        moment = max(body.principal_moments)
+        body, start_of = self._like, self.starts[0]
+        seconds = max(1e-9, *(self._seconds(number) for number in range(len(self.flights))))
+        moment = float(np.linalg.eigvalsh(body.inertia)[-1])
+        speed = start_of.extent / seconds + float(np.linalg.norm(start_of.velocity))
         scale = {
             "rotation": moment / seconds / (start_of.fastest if isinstance(effect, QuadraticDrag) else 1.0),
             "translation": body.mass / seconds,
+            # It changes the motion by as much as there is of it.
+            "torque": moment * start_of.fastest / seconds,
+            "force": body.mass * speed / seconds,
             "axial_inertia": moment,
             "acceleration_world": 9.81,
             "axis_body": 1.0,
-        }.get(name, max(1.0, float(np.abs(start).max())))
+        }.get(name.rpartition(".")[2], max(1.0, float(np.abs(start).max())))
         self.layout.add(key, np.full(len(start), scale), start)
 
     def effects(self, z: Array) -> dict[str, Array]:
@@ -437,12 +459,12 @@ class Model:
         From `begin` they go down to the earliest time, at which a sensor that lags may have measured, and then up.
         """
         late = self._delay_ns(z, "commands")
-        scheduled = [_scheduled(effect, self.scene) for effect in self.scene.effects]
-        channels = [(c.time_ns + late, c.held, c.topic) for c in flight.channels]
-        channels += [(at, rows, "") for at, rows in filter(None, scheduled)]
+        none: list[tuple[int, ParameterBlock, Array]] = []
+        channels = [(c.time_ns + late, c.held, c.topic, none) for c in flight.channels]
+        channels += [(*found, "", fits) for found, fits in self._schedules(z)]
         low, end = min(begin, *(int(at[0]) for at in times)), max(int(at[-1]) for at in times)
         rotors = [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)]
-        edges = [at[(at > low) & (at < end)] for at, _, _ in channels]
+        edges = [at[(at > low) & (at < end)] for at, *_ in channels]
         turns = [np.array([nanoseconds(t) for t, _ in e.spin_rate], dtype=np.int64) for _, e in rotors]
         inner = [at[(at > low) & (at < end)] for at in turns]
         knots = np.unique(np.concatenate([*times, *edges, *inner]))
@@ -455,7 +477,7 @@ class Model:
         commanded = np.zeros(len(knots), dtype=bool)
         # From the centre of mass of the scene, for which torques were computed: (p - c) x f.
         moved = self.body(z).center_of_mass - np.array(self.scene.body.center_of_mass)
-        for at, rows, topic in channels:
+        for at, rows, topic, fits in channels:
             row = np.searchsorted(at, np.minimum(starts, knots), side="right") - 1
             if topic:
                 commanded |= np.isin(starts, at)
@@ -474,10 +496,28 @@ class Model:
                 block = self.layout["center_of_mass"]
                 place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
                 held_by[:, 3:6, place] += factor * rotations.hats(at_point) * block.scale
+            for k, block, unit in fits:
+                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
+                by = unit[:, :12].copy()
+                by[:, 3:6] -= np.cross(moved, unit[:, 12:])
+                held_by[row == k, :12, place] = by.T * block.scale
         seconds = starts / NANOSECONDS
         for i, rotor in rotors:
             self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
         return knots, held, held_by, commanded
+
+    def _schedules(self, z: Array) -> Iterator[tuple[tuple[Times, Array], list[tuple[int, ParameterBlock, Array]]]]:
+        """Yield scheduled wrenches as they are fitted; and which row changes with what block by how much, per axis."""
+        for i, effect in enumerate(self.scene.effects):
+            if found := _scheduled(effect, self.scene):
+                times, rows = found
+                fits = []
+                for name, block in self.layout.blocks.items():
+                    if name.startswith(f"effects[{i}].") and isinstance(effect, ScheduledWrench):
+                        k, start, unit = _of_schedule(effect, name.partition("].")[2], self.scene)
+                        rows[k] += (block.values(z) - start) @ unit
+                        fits.append((k, block, unit))
+                yield (times, rows), fits
 
     def _add_rotor(
         self, z: Array, i: int, rotor: Rotor, seconds: Array, knots: Times, held: Array, held_by: Array
@@ -638,15 +678,27 @@ def _scheduled(effect: Effect, scene: Scene) -> tuple[Times, Array] | None:
         return None
     schedule = effect.schedule(scene.body)
     times = np.array([nanoseconds(time) for time, _ in schedule], dtype=np.int64)
-    rows = []
-    for _, wrench in schedule:
-        named = scene.frames.world_frame if wrench.frame_id == WORLD else wrench.frame_id
-        held = scene.frames.hold(
-            wrench if named == wrench.frame_id else type(wrench)(wrench.force, wrench.torque, named)
-        )
-        at_point = held.force_body if wrench.frame_id in (scene.frames.fixed or {}) else ZERO
-        rows.append([*held.force_body, *held.torque_body, *held.force_world, *held.torque_world, *at_point])
-    return times, np.array(rows, dtype=np.float64)
+    return times, np.array([_row(wrench, scene) for _, wrench in schedule], dtype=np.float64)
+
+
+def _row(wrench: Wrench, scene: Scene) -> list[float]:
+    """Return what a wrench does, as a row of `WrenchSeries`."""
+    named = scene.frames.world_frame if wrench.frame_id == WORLD else wrench.frame_id
+    held = scene.frames.hold(wrench if named == wrench.frame_id else Wrench(wrench.force, wrench.torque, named))
+    at_point = held.force_body if wrench.frame_id in (scene.frames.fixed or {}) else ZERO
+    return [*held.force_body, *held.torque_body, *held.force_world, *held.torque_world, *at_point]
+
+
+def _of_schedule(effect: ScheduledWrench, name: str, scene: Scene) -> tuple[int, Array, Array]:
+    """Return place, value and rows (3, 15) of unit forces or torques of an entry, as in schedule[0].torque."""
+    number, _, kind = name.removeprefix("schedule[").partition("].")
+    wrench = effect.entries[int(number)][1]
+    of_unit = [
+        Wrench(unit, ZERO, wrench.frame_id) if kind == "force" else Wrench(ZERO, unit, wrench.frame_id)
+        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    ]
+    value = np.array(getattr(wrench, kind), dtype=np.float64)
+    return int(number), value, np.array([_row(unit, scene) for unit in of_unit], dtype=np.float64)
 
 
 def _start(flight: Flight) -> InitialEstimate:

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 from scipy.special import stdtrit
 
 from rb_dynamics.analysis.identification.coloured_noise import (
-    _DOUBT,
+    DOUBT,
     bands_of,
     noise_beneath,
     root_of,
@@ -40,7 +40,7 @@ def test_95_of_100_intervals_hold_the_truth_with_slow_noise_and_with_a_vibration
         white = np.linalg.inv(by.T @ by) * strength**2
         root = root_of(white)
         covariance, freedom = widened(root, bands_of(left / strength, by @ root / strength, [COUNT]))
-        covariance /= _DOUBT**2
+        covariance /= DOUBT**2
         assert np.linalg.eigvalsh(covariance - white)[0] >= -1e-9 * np.linalg.eigvalsh(covariance)[-1]
         held.append(np.abs(error) <= stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
 

@@ -31,17 +31,22 @@ body:
   mass: 3.0
   center_of_mass: [0.1, -0.05, 0.02]
   inertia: {matrix: [[1.0, 0.1, -0.05], [0.1, 1.5, 0.07], [-0.05, 0.07, 1.2]]}
+  frames: {nozzle: {position: [0.3, 0.1, -0.2], orientation: {x: 0.5, y: 0.5, z: -0.5, w: 0.5}}}
 effects:
   - {type: uniform_gravity, acceleration_world: [0, 0.3, -9.8]}
   - {type: linear_drag, rotation: [0.1, 0.2, 0.3], translation: [0.3, 0.2, 0.1], medium_velocity_world: [1, 0, 0]}
   - {type: quadratic_drag, rotation: [0.01, 0.02, 0.03], translation: [0.03, 0.02, 0.01]}
   - {type: rotor, axis_body: [0, 1, 2], axial_inertia: 0.01, spin_rate: 50}
+  - {type: scheduled_wrench, frame_id: world, schedule:
+      [{time: 0.013, force: [1, 2, 3]}, {time: 0.237, torque: [1, 0, 2]}]}
+  - {type: scheduled_wrench, frame_id: nozzle, schedule: [{time: 0.163, force: [1, 2, 0], torque: [0.1, 0, 0]}]}
 """
 FIT = (
     "mass", "center_of_mass", "inertia", "gyro_bias", "gyro_scale", "gyro_alignment", "accelerometer", "delay",
     "wrench_scale", "effects[0].acceleration_world", "effects[1].rotation", "effects[1].translation",
     "effects[1].medium_velocity_world", "effects[2].rotation", "effects[2].translation", "effects[3].axial_inertia",
-    "effects[3].axis_body", "effects[3].spin_rate",
+    "effects[3].axis_body", "effects[3].spin_rate", "effects[4].schedule[0].force", "effects[4].schedule[1].torque",
+    "effects[5].schedule[0].force", "effects[5].schedule[0].torque",
 )  # fmt: skip
 
 

@@ -1,0 +1,327 @@
+"""What a fit lacks: whether a load that nobody told of, or an error of a sensor, explains what it leaves.
+
+A torque that is constant and small hides in the noise while it pulls the inertia many standard errors off: the fit
+bends what it has until the residuals are nearly white. So each candidate is added to the model and one step of Gauss
+and Newton is taken with it, from the exact derivatives that a fit has anyway. Its numbers over their covariance are an
+F statistic; where the residuals are coloured with it, too, the covariance of coloured noise, doubled, counts instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rb_dynamics.analysis.identification.coloured_noise import root_of, widened
+from rb_dynamics.analysis.identification.estimation import Fit, sane, settled, stacked, triangle
+from rb_dynamics.analysis.identification.flights import ACCELERATION, RATES
+from rb_dynamics.analysis.identification.parameters import ParameterBlock
+from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.residuals import fit_bands, residuals_of
+from rb_dynamics.analysis.track import Array
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.yaml import document
+from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.loads.drag import LinearDrag
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import scene_of, with_true_text
+
+CHANCE = 0.005
+"""Of a flight of which the scene says everything, the chance that a load is found in it."""
+
+TOLD = 0.3
+"""A direction is told if its standard error is at most this part of what is plausible."""
+
+# Standard errors by which a drag may be negative.
+_PUSHED = 3.0
+
+
+@dataclass(frozen=True)
+class Omission:
+    """A load that the scene does not have, or an error of sensors that is not fitted, as the recordings tell it.
+
+    Attributes:
+        what: in words.
+        names: of its numbers among the parameters of a fit that has it.
+        value: in SI units.
+        standard_error: of each.
+        unit: of all.
+        chance: that a flight without it looks like this, times the number of those that were tried.
+        shift: by how many of its standard errors it moves that number of the body which it moves most.
+        found: whether it is so sure that the fit has it, too.
+        entry: for the effects of a scene; None for an error of sensors.
+    """
+
+    what: str
+    names: tuple[str, ...]
+    value: tuple[float, ...]
+    standard_error: tuple[float, ...]
+    unit: str
+    chance: float
+    shift: float
+    found: bool
+    entry: dict[str, Any] | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "what": self.what,
+            "names": list(self.names),
+            "value": list(self.value),
+            "standard_error": list(self.standard_error),
+            "unit": self.unit,
+            "chance": self.chance,
+            "shift": self.shift,
+            "found": self.found,
+            "effect": self.entry,
+        }
+
+
+class Candidate(NamedTuple):
+    """What is tried.
+
+    Attributes:
+        what: in words.
+        unit: of its numbers.
+        kind: of the effect; "" of an error of sensors.
+        frame_id: of a wrench.
+        part: what of the effect it is; what to fit of an error of sensors.
+    """
+
+    what: str
+    unit: str
+    kind: str
+    frame_id: str
+    part: str
+
+    def key(self, place: int) -> str:
+        """Return what to fit, of a load as that effect of a scene."""
+        if not self.kind:
+            return self.part
+        return f"effects[{place}]." + (f"schedule[0].{self.part}" if self.kind == ScheduledWrench.kind else self.part)
+
+    def entry(self, value: Sequence[float]) -> dict[str, Any] | None:
+        """Return an entry for the effects of a scene."""
+        if not self.kind:
+            return None
+        if self.kind != ScheduledWrench.kind:
+            return {"type": self.kind, self.part: list(value)}
+        return {"type": self.kind, "frame_id": self.frame_id, "schedule": [{"time": 0.0, self.part: list(value)}]}
+
+
+class Trial(NamedTuple):
+    """What one step with a load in the model tells.
+
+    Attributes:
+        candidate: what was tried.
+        blocks: names of its parameters.
+        step: of the parameters of the fit.
+        own: its parameters.
+        value: in SI units.
+        standard_error: of each.
+        chance: as of an `Omission`.
+    """
+
+    candidate: Candidate
+    blocks: tuple[str, ...]
+    step: Array
+    own: Array
+    value: Array
+    standard_error: Array
+    chance: float
+
+    def omission(self, shift: float, found: bool = False) -> Omission:
+        """Return it as part of the answer."""
+        value, error = tuple(self.value.tolist()), tuple(self.standard_error.tolist())
+        of = self.candidate
+        return Omission(of.what, self.blocks, value, error, of.unit, self.chance, shift, found, of.entry(value))
+
+
+def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
+    """Return what each candidate but those `known` would explain of what a fit leaves."""
+    tried = [each for each in _candidates(model) if each.what not in {trial.candidate.what for trial in known}]
+    wide, keys = _with_loads(model, tried, fit.z)
+    old = _places(model, wide)
+    z = np.zeros(wide.layout.count)
+    z[old] = fit.z
+    predicted = list(wide.predict(z))
+    left, weighted = stacked(predicted, fit.noise)
+    if not sane(left, weighted):
+        return []
+    root = triangle(np.column_stack([weighted, left]))
+    found = []
+    for candidate, key in zip(tried, keys, strict=True):
+        blocks = _blocks(model, wide, key)
+        if not blocks:
+            continue
+        new = _columns(blocks)
+        scale, start = (np.concatenate([getattr(b, of) for b in blocks]) for of in ("scale", "start"))
+        columns = np.concatenate([old, new])
+        part = root[:, columns]
+        slope = part[:, len(old) :].T @ root[:, -1]
+        # As in the report of a fit: without a recording, each number is known to about what is plausible.
+        covariance: Array = np.asarray(np.linalg.inv(part.T @ part + np.eye(len(columns))), dtype=np.float64)
+        step = -covariance[:, len(old) :] @ slope
+        of_load = covariance[len(old) :, len(old) :]
+        if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
+            # What the fit has already, under another name, is not told.
+            continue
+        rest = left + weighted[:, columns] @ step
+        freedom = max(1.0, len(rest) - len(columns))
+        level = max(1.0, float(rest @ rest) / freedom)
+        chance = _chance(step[len(old) :], of_load * level, freedom, len(tried))
+        own = step[len(old) :]
+        value, error = start + scale * own, scale * np.sqrt(level * np.diagonal(of_load))
+        if candidate.kind == LinearDrag.kind and (value < -_PUSHED * error).any():
+            # What adds energy is no drag.
+            chance = 1.0
+        if chance <= CHANCE:
+            after = fit._replace(
+                predicted=[p._replace(left=p.left + p.by[:, :, columns] @ step) for p in predicted],
+                weighted=weighted[:, columns],
+                left=rest,
+            )
+            bands = fit_bands(after, after.weighted)
+            if not all(each.white for each in residuals_of(model, after, bands)):
+                covariance, freedom = widened(root_of(covariance), bands)
+                of_load = covariance[len(old) :, len(old) :]
+                chance = _chance(step[len(old) :], of_load, freedom, len(tried))
+                error = scale * np.sqrt(np.diagonal(of_load))
+        names = tuple(block.name for block in blocks)
+        found.append(Trial(candidate, names, step[: len(old)], own, value, error, chance))
+    return found
+
+
+def best_with(model: Model, fit: Fit, tried: Sequence[Trial], loss: str) -> tuple[Trial, Model, Fit] | None:
+    """Return the candidate that is surely there and explains most, with model and fit; None if there is none.
+
+    Of several that are sure each is fitted to the end, as one step does not tell which is right: the least information
+    criterion of Schwarz wins.
+    """
+    sure = [_fitted_with(model, fit, trial, loss) for trial in tried if trial.chance <= CHANCE]
+    return min(filter(None, sure), key=lambda each: _criterion(each[2]), default=None)
+
+
+def _criterion(fit: Fit) -> float:
+    """Return the information criterion of a fit, up to a constant."""
+    logarithms = sum(each.left.size * np.log(fit.noise[each.key]) for each in fit.predicted)
+    return float(2.0 * logarithms + len(fit.z) * np.log(len(fit.left)))
+
+
+def _fitted_with(model: Model, fit: Fit, trial: Trial, loss: str) -> tuple[Trial, Model, Fit] | None:
+    """Return the model with a candidate, as it is named there, and its fit; None if that follows no recording."""
+    wide, (key,) = _with_loads(model, [trial.candidate], fit.z)
+    blocks = _blocks(model, wide, key)
+    z = np.zeros(wide.layout.count)
+    z[_places(model, wide)] = fit.z + trial.step
+    z[_columns(blocks)] = trial.own
+    try:
+        found = settled(wide, z, fit.noise, loss)
+    except LogError:
+        return None
+    left = residuals_of(wide, found, fit_bands(found, found.weighted))
+    if not all(each.follows for each in left):
+        return None
+    named = trial._replace(blocks=tuple(block.name for block in blocks))
+    return named, wide, found._replace(starts=fit.starts, agreeing=fit.agreeing)
+
+
+def _chance(value: Array, covariance: Array, freedom: float, tried: int) -> float:
+    """Return the chance of a value this far from zero, in one of so many that were tried."""
+    from scipy.special import fdtrc
+
+    statistic = float(value @ np.linalg.solve(covariance, value)) / len(value)
+    return min(1.0, tried * float(fdtrc(len(value), freedom, statistic)))
+
+
+def _candidates(model: Model) -> list[Candidate]:
+    """Return what these recordings may tell and the fit does not have."""
+    frames, wrench, drag = model.scene.frames, ScheduledWrench.kind, LinearDrag.kind
+    found = [
+        Candidate("a constant torque in body axes", "N m", wrench, frames.body_frame, "torque"),
+        Candidate("a constant torque in world axes", "N m", wrench, frames.world_frame, "torque"),
+        Candidate("a linear drag of rotation", "N m s/rad", drag, "", "rotation"),
+    ]
+    pushed = any(model.moves) or any(s.kind == ACCELERATION for f in model.flights for s in f.streams)
+    if pushed:
+        found += [
+            Candidate("a constant force in body axes", "N", wrench, frames.body_frame, "force"),
+            Candidate("a constant force in world axes", "N", wrench, frames.world_frame, "force"),
+        ]
+    if any(model.moves):
+        found.append(Candidate("a linear drag of translation", "N s/m", drag, "", "translation"))
+    gyro = any(s.kind == RATES for f in model.flights for s in f.streams)
+    if gyro:
+        found += [
+            Candidate("a bias of the gyro", "rad/s", "", "", "gyro_bias"),
+            Candidate("an alignment of the gyro", "rad", "", "", "gyro_alignment"),
+        ]
+    found.append(Candidate("a delay", "s", "", "", "delay"))
+    found = [each for each in found if each.kind or each.part not in model.fit]
+    drags = [i for i, effect in enumerate(model.scene.effects) if isinstance(effect, LinearDrag)]
+    return [each for each in found if each.kind != drag or not any(each.key(i) in model.fit for i in drags)]
+
+
+def _with_loads(model: Model, loads: Sequence[Candidate], z: Array) -> tuple[Model, list[str]]:
+    """Return the model with loads, zero where the scene has none, and their keys."""
+    scene, keys = model.scene, []
+    for each in loads:
+        if not each.kind:
+            keys.append(each.part)
+            continue
+        # One drag has both of its parts.
+        drag = next((i for i, effect in enumerate(scene.effects) if isinstance(effect, LinearDrag)), -1)
+        there = drag if each.kind == LinearDrag.kind else -1
+        keys.append(each.key(len(scene.effects) if there < 0 else there))
+        if there < 0:
+            scene = _with_effect(scene, each)
+    wide = Model(scene, model.flights, (*model.fit, *keys), model.body(z))
+    wide.turn = model.turn
+    # The same numbers mean the same.
+    for name, block in model.layout.blocks.items():
+        wide.layout.blocks[name] = replace(block, at=wide.layout[name].at)
+    return wide, keys
+
+
+def _with_effect(scene: Scene, load: Candidate) -> Scene:
+    """Return the scene with a load that is zero."""
+    if with_true_text(scene).text != scene.text:
+        # It was made in Python, and so is this.
+        wrench = ScheduledWrench(((0.0, Wrench(ZERO, ZERO, load.frame_id)),))
+        return replace(scene, effects=(*scene.effects, wrench if load.kind == wrench.kind else LinearDrag()))
+    problems = Problems(scene.source)
+    tree = document.parse(scene.text, problems)
+    if isinstance(tree.value, dict):
+        acting, entry = tree.value.get("effects"), document.from_python(load.entry((0.0, 0.0, 0.0)))
+        given = acting.value if acting is not None and isinstance(acting.value, list) else []
+        tree.value["effects"] = document.Node([*given, entry])
+    return scene_of(tree, problems, scene.text, [f"with {load.what}"])
+
+
+def _blocks(model: Model, wide: Model, key: str) -> list[ParameterBlock]:
+    """Return the blocks that fitting `key`, too, adds to a model."""
+    return [
+        block
+        for name, block in wide.layout.blocks.items()
+        if name not in model.layout and (name == key or name.partition("[")[0].partition(".")[0] == key)
+    ]
+
+
+def _columns(blocks: Sequence[ParameterBlock]) -> npt.NDArray[np.int64]:
+    """Return where the parameters of blocks are."""
+    return np.concatenate([np.arange(block.at.start, block.at.stop, dtype=np.int64) for block in blocks])
+
+
+def _places(model: Model, wide: Model) -> npt.NDArray[np.int64]:
+    """Return where the parameters of a model are in one that has more."""
+    found = np.zeros(model.layout.count, dtype=np.int64)
+    for name, block in model.layout.blocks.items():
+        at = wide.layout[name].at
+        found[block.at] = np.arange(at.start, at.stop)
+    return found

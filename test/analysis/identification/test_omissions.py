@@ -1,0 +1,105 @@
+"""What a fit lacks is found where it is there, and only there."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from identified_flights import flown, guess, random_body
+
+from rb_dynamics import Identification, RigidBody, identify, parse_scene
+from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.parameters import AXES, PLACES
+
+TORQUE = np.array([0.06, -0.08, 0.05])
+
+
+def flight_of(seed: int, **options: Any) -> tuple[RigidBody, Flight]:
+    """Return a body and a flight of it under commands, of which a gyro and a pose tell."""
+    random = np.random.default_rng(seed)
+    body = random_body(random)
+    return body, flown(body, random, seconds=2.0, torque=1.0, force=2.0, pose=1e-3, **options)
+
+
+def furthest(found: Identification, body: RigidBody) -> float:
+    """Return by how many standard errors the inertia is off at most."""
+    truth = {f"inertia.{axis}": np.array(body.inertia)[place] for axis, place in zip(AXES, PLACES, strict=True)}
+    return max(abs(p.value - truth[p.name]) / (p.standard_error or np.nan) for p in found.parameters if p.name in truth)
+
+
+def test_a_constant_torque_that_hides_in_the_noise_is_found_and_named() -> None:
+    body, flight = flight_of(3, unrecorded=TORQUE)
+    value = TORQUE * max(body.principal_moments)
+
+    found = identify(guess(body), [flight], ["inertia", "mass", "gyro_bias", "delay", "gyro_alignment"])
+
+    first = found.omissions[0]
+    assert first.found
+    assert first.what == "a constant torque in body axes"
+    assert first.names == ("effects[0].schedule[0].torque",)
+    assert np.all(np.abs(np.array(first.value) - value) < 3.0 * np.array(first.standard_error))
+    # Without it they would be far off, and said with confidence.
+    assert first.shift > 2.0
+    assert furthest(found, body) < 2.5
+    assert found.passed
+    assert not any(each.found for each in found.omissions[1:])
+    (note,) = found.notes
+    assert note.startswith("a constant torque in body axes of (")
+    assert "explains the residuals" in note
+    # What is found stands in the scene, and can be asked for by its name there: that is no doubt any more.
+    told = json.loads(json.dumps(found.as_dict()))["omissions"][0]
+    assert told["effect"]["schedule"][0]["torque"] == list(first.value)
+    assert parse_scene(found.scene.text).effects == found.scene.effects
+    again = identify(found.scene, [flight], ["inertia", "mass", "gyro_bias", "effects[0].schedule[0].torque"])
+    assert not any(each.found for each in again.omissions)
+    assert not again.notes
+    doubled, plain = (next(p for p in f.parameters if p.name == "inertia.xx") for f in (found, again))
+    assert (plain.standard_error or 0.0) < 0.7 * (doubled.standard_error or 0.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_in_a_flight_of_which_all_is_told_nothing_is_found(seed: int) -> None:
+    body, flight = flight_of(seed, bias=0.01)
+
+    found = identify(guess(body), [flight], ["inertia", "mass", "gyro_bias"])
+
+    assert {each.what for each in found.omissions} >= {"a constant torque in world axes", "a linear drag of rotation"}
+    assert not any(each.found for each in found.omissions)
+    assert not found.notes
+
+
+def test_a_constant_force_a_bias_and_a_delay_are_told_from_a_torque() -> None:
+    body, flight = flight_of(5)
+    (channel,) = flight.channels
+    # What acted is more than what was recorded.
+    less = channel.held - np.array([0.4, 0.0, -0.3, *np.zeros(12)])
+    pushed = replace(flight, channels=(replace(channel, held=less),))
+    _, biased = flight_of(5, bias=np.array([0.02, -0.01, 0.03]))
+    late = replace(flight, channels=(replace(channel, time_ns=channel.time_ns - 20_000_000),))
+
+    for given, what, value in (
+        (pushed, "a constant force in body axes", [0.4, 0.0, -0.3]),
+        (biased, "a bias of the gyro", [0.02, -0.01, 0.03]),
+        (late, "a delay", [0.02]),
+    ):
+        found = identify(guess(body), [given], ["inertia", "mass"])
+        first, count = found.omissions[0], len(value)
+        assert (first.what, first.found) == (what, True)
+        off = np.array(first.value[:count]) - value
+        assert np.all(np.abs(off) < 3.0 * np.array(first.standard_error[:count])), what
+        assert furthest(found, body) < 2.5
+
+
+def test_what_explains_a_part_only_widens_the_intervals() -> None:
+    seconds = np.arange(200) / 100.0
+    body, flight = flight_of(7, unrecorded=TORQUE * (1.0 + 0.5 * np.sin(9.0 * seconds[:, None])))
+
+    found = identify(guess(body), [flight], ["inertia", "mass"])
+
+    assert not any(each.found for each in found.omissions)
+    assert not any(each.name.startswith("effects[") for each in found.parameters)
+    assert any("explain a part of the residuals" in note for note in found.notes)
+    assert furthest(found, body) < 2.5
