@@ -86,8 +86,9 @@ message and no traceback). A progress bar appears only on a terminal.
 
 LOG = """\
 A log is one MCAP file of profile `ros2`, with CDR messages, and `ros2msg` schemas, QoS and type hashes on every
-channel. All times are simulation time in nanoseconds, counted from 0; `rb_dynamics.epoch` has the ROS time of time 0 if
-a node stamped its messages with that. [Logs](../logs.md) explains how to write, check and view it.
+channel. All times are simulation time in nanoseconds, counted from 0, except the `header.stamp` of commands, which is
+the sender's; `rb_dynamics.epoch` has the ROS time of time 0 if a node stamped its messages with that.
+[Logs](../logs.md) explains how to write, check and view it.
 """
 
 NODE = """\

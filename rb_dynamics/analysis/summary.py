@@ -26,7 +26,7 @@ from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
-from rb_dynamics.formats.log_metadata import RESULT, RUN, TOPICS
+from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, VECTOR
 from rb_dynamics.formats.topic import KEPT, Topic
 from rb_dynamics.loads.channels import Channel
@@ -231,7 +231,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
-        notes=track.notes,
+        notes=(*track.notes, *_epoch(bag)),
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
         onboard=used,
@@ -378,6 +378,14 @@ def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
     return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))
 
 
+def _epoch(bag: Bag) -> list[str]:
+    """Return a note on the ROS time of time 0, if a node stamped its messages with that."""
+    epoch = bag.metadata.get(EPOCH, {}).get("epoch_ns", "")
+    if not epoch.isdecimal():
+        return []
+    return [f"t = 0 is ROS time {Decimal(epoch).scaleb(-9):f} s, as it was last: a pause or a dropped lag moves it"]
+
+
 def _channels(track: Track, health: WorstStatus | None) -> list[ChannelHistory]:
     scene = logged_scene(track.bag.attachments) if track.own else None
     names = track.bag.metadata.get(TOPICS, {})
@@ -420,6 +428,7 @@ def _channel(
         rejected=max(rejected, default=None),
         undeclared=became.undeclared,
         late=_counted(name, "late", health),
+        superseded=_counted(name, "superseded", health),
         lost=_counted(name, "lost", health),
         first_s=float(at[0]) if len(at) else None,
         last_s=float(at[-1]) if len(at) else None,

@@ -30,6 +30,7 @@ class ChannelHistory:
         rejected: number of rejected commands.
         undeclared: their frames that the scene does not declare.
         late: number of commands that arrived after their stamp.
+        superseded: number of commands that came after a newer one had taken effect; they are not in the log.
         lost: number of commands lost by the middleware.
         first_s: when the first command took effect, s from the start of the motion.
         last_s: the same of the last one.
@@ -48,6 +49,7 @@ class ChannelHistory:
     rejected: int | None
     undeclared: tuple[str, ...]
     late: int | None
+    superseded: int | None
     lost: int | None
     first_s: float | None
     last_s: float | None
@@ -109,6 +111,7 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
         for count, what in (
             (channel.rejected, f"rejected and had no effect{unknown}"),
             (channel.late, "late and took effect at once"),
+            (channel.superseded, "superseded by a newer one, without effect and not in the log"),
             (channel.lost, "lost before they arrived"),
         ):
             if count:

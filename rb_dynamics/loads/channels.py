@@ -444,6 +444,28 @@ class WrenchChannels:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""
         self._table, self._row = table if self._table is None else self._table.followed_by(table, self._row), 0
 
+    def hasten(self, by_ns: int, now_ns: int) -> list[str]:
+        """Let commands that wait and have a stamp act `by_ns` sooner; return the topics of those that never will.
+
+        Of each channel's commands that would have acted before `now_ns` the newest acts then, and the others never.
+        """
+        kept: list[_Pending] = []
+        newest: dict[int, _Pending] = {}
+        overtaken = []
+        for pending in sorted(self._queue):
+            channel, command = pending.channel, pending.command
+            if channel >= self._commanded or pending.on_its_way or not command.received.stamp_ns:
+                kept.append(pending)
+            elif pending.time_ns - by_ns > now_ns or command.held is None:
+                kept.append(pending._replace(time_ns=max(now_ns, pending.time_ns - by_ns)))
+            else:
+                if channel in newest:
+                    overtaken.append(self._channels[channel].topic)
+                newest[channel] = pending._replace(time_ns=now_ns)
+        self._queue = [*kept, *newest.values()]
+        heapq.heapify(self._queue)
+        return overtaken
+
     @property
     def tabled(self) -> int:
         """How many commands that came as arrays are still to take effect."""

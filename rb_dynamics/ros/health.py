@@ -115,6 +115,11 @@ class Health:
         """Count a command that came after a newer one had taken effect."""
         self._counts[topic].superseded += 1
 
+    def overtaken(self, topic: str) -> None:
+        """Count a command as superseded that was accepted at first."""
+        self._counts[topic].accepted -= 1
+        self._counts[topic].superseded += 1
+
     def rejected(self, topic: str) -> None:
         """Count a rejected command."""
         self._counts[topic].rejected += 1

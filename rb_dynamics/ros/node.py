@@ -90,7 +90,7 @@ _SHORTEST_TICK_NS, _LONGEST_TICK_NS = 500_000, 10_000_000
 class RigidBodyNode(Node):
     """Simulates the body of a scene; docs/ros.md lists topics, parameters and services."""
 
-    def __init__(self, elsewhere: Sequence[str] = (), **kwargs: object) -> None:
+    def __init__(self, elsewhere: Sequence[str] = (), *, cli_args: list[str] | None = None, **kwargs: object) -> None:
         """Read the parameters and the scene, and start the run; keyword arguments go to `rclpy.node.Node`.
 
         QoS overrides for topics in the namespaces `elsewhere` belong to other nodes of the process.
@@ -99,16 +99,17 @@ class RigidBodyNode(Node):
             RigidBodyError: a parameter, the scene or a log file is not valid.
         """
         # Accept undeclared parameters here; our own check names the valid ones.
-        super().__init__("rigid_body", allow_undeclared_parameters=True, enable_logger_service=True, **kwargs)
+        kwargs |= {"allow_undeclared_parameters": True, "enable_logger_service": True}
+        super().__init__("rigid_body", cli_args=cli_args, **kwargs)
         try:
-            self._start(elsewhere)
+            self._start(elsewhere, cli_args or ())
         except BaseException:
             # A node that cannot start must not stay in the graph, where others would send it commands.
             self.destroy_node()
             raise
 
-    def _start(self, elsewhere: Sequence[str]) -> None:
-        shared = shared_parameters(sys.argv, self.get_name())
+    def _start(self, elsewhere: Sequence[str], own_arguments: Sequence[str]) -> None:
+        shared = shared_parameters([*sys.argv, *own_arguments], self.get_name())
         self._settings = settings = read_settings(self, shared)
         scene = settings.scene
         self._topics = [channel.topic for channel in scene.channels]

@@ -29,7 +29,7 @@ LONGEST_WAIT = 0.05
 _LONGEST_BURST_NS = 5_000_000
 # A command this far from our time was most likely stamped by another clock.
 _FAR_NS = 10**6 * NANOSECONDS
-# Seconds after which a wait in lockstep is told: a slow commander is not worth a line each time.
+# Seconds after which a wait is told: a slow commander is not worth a line each time.
 _LONG_WAIT = 3
 
 
@@ -74,7 +74,7 @@ class Runner:
         # Number of events that may have interrupted requested steps.
         self.interruptions = 0
         self._topics = tuple(channel.topic for channel in scene.channels)
-        # What lockstep waits for, and for how many seconds it has.
+        # What time waits for, and for how many seconds it has.
         self._wait, self._waited = "", 0
 
     def start(self) -> None:
@@ -116,19 +116,24 @@ class Runner:
         return self._scene
 
     def every_second(self) -> None:
-        """Let stamps follow ROS time if that was set anew, and tell once of each long wait in lockstep."""
+        """Let stamps follow ROS time if that was set anew, and tell once of each long wait for commands or a clock."""
         if isinstance(self.pacer, Pacer) and self.paced:
             self.pacer.correct()
-        wait = self._awaited() if self.lockstep and not (self.paused or self.behind or self.done) else ""
+        wait = ""
+        if not (self.paused or self.behind or self.done):
+            wait = self._awaited() if self.lockstep else self.pacer.warning() if self.pacer.offset_ns is None else ""
         self._waited = self._waited + 1 if wait == self._wait else 0
         self._wait = wait
         if wait and self._waited == _LONG_WAIT:
             hint = "; stamp each for the next output: under our /clock now() is not later than the newest state"
-            self.health.told(f"lockstep{wait}{'' if None in self._newest.values() else hint}")
+            told = f"lockstep{wait}{'' if None in self._newest.values() else hint}"
+            self.health.told(told if self.lockstep else wait)
 
     def go(self) -> None:
-        """Start pacing now: time spent on preparation is not a lag."""
+        """Pace from here: the time until now, a pause or preparation, passed without the body and is not a lag."""
+        offset_ns = self.pacer.offset_ns
         self.pacer.restart(self._reached_ns)
+        self._keep_to_stamps(offset_ns)
 
     def seconds_until_due(self) -> float:
         """Return for how long there is nothing to do except wait for messages, s."""
@@ -176,12 +181,24 @@ class Runner:
         self._free_running = factor == 0.0
         if isinstance(self.pacer, Pacer):
             self.pacer.factor = factor or 1.0
-        self.pacer.restart(self._reached_ns)
+        self.go()
+
+    def _keep_to_stamps(self, before_ns: int | None) -> None:
+        """Let the commands that wait act at their stamps, which were `before_ns` ahead until time was lost."""
+        offset_ns = self.pacer.offset_ns
+        if self._mode.apply_at != "stamp" or self.lockstep or offset_ns == before_ns:
+            return
+        if before_ns is None or offset_ns is None:
+            return
+        for arrivals in self._arrivals.values():
+            arrivals.hasten(offset_ns - before_ns)
+        for topic in self.simulation.hasten(offset_ns - before_ns):
+            self.health.overtaken(topic)
 
     def pause(self, paused: bool) -> None:
         """Pause or continue."""
         if self.paused and not paused:
-            self.pacer.restart(self._reached_ns)
+            self.go()
             self.health.went_on()
         if self.paused != paused:
             self.health.told(f"{'paused' if paused else 'goes on'} at {self.shown_time}")
@@ -353,7 +370,8 @@ class Runner:
             )
         elif arrival is Arrival.LATE:
             self.health.warn(
-                f"{topic}: a command came {(computed_ns - time_ns) / 1e9:.9g} s after its stamp and took effect at once"
+                f"{topic}: a command came {(computed_ns - time_ns) / 1e9:.9g} s after its stamp and took effect at "
+                "once; stamp it further ahead, such as by one output period"
             )
 
     def _time(self, topic: str, sent: tuple[int, int, int], waits_ns: int) -> None:
@@ -491,7 +509,13 @@ class Runner:
         """Return the simulation time that corresponds to now."""
         if self.stands_still:
             return self._goal_ns
-        return self._next_ns() if self._free_running else self.pacer.due_ns(self._next_look_ns())
+        if self._free_running:
+            return self._next_ns()
+        offset_ns = self.pacer.offset_ns
+        due_ns = self.pacer.due_ns(self._next_look_ns())
+        if isinstance(self.pacer, Pacer):
+            self._keep_to_stamps(offset_ns)
+        return due_ns
 
     def _next_ns(self) -> int:
         """Return the next time of an output, a measurement or the end of the scene."""

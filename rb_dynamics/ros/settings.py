@@ -104,14 +104,18 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
     # rclpy has no public way to see an override before it is declared.
     given = node._parameter_overrides  # noqa: SLF001
     overrides = {name: given[name].value for name in given if name not in _PARAMETERS and not name.startswith(_RCLPY)}
+    foreign = []
     for name in list(overrides):
         try:
             require_known(name)
-        except SceneError as error:
+        except SceneError:
             if name not in shared:
                 raise
             del overrides[name]
-            node.get_logger().warning(f"{error}; ignored, as it is given to all nodes (/**)")
+            foreign.append(name)
+    if foreign:
+        names = ", ".join(sorted(foreign))
+        node.get_logger().warning(f"unknown parameters that are given to all nodes (/**) are ignored: {names}")
     values = {name: _declare(node, name, default, text) for name, (default, text) in _PARAMETERS.items()}
     path = _text("scene", values["scene"])
     if not path:

@@ -362,7 +362,7 @@ class Simulation:
     def post(self, topic: str, wrench: Wrench, time_ns: int = 0) -> bool:
         """Let `wrench` take effect on channel `topic` at `time_ns`; a time in the past means now.
 
-        A command after the end is not kept. Returns whether the limits of the channel reduce it.
+        A command after the end has no effect. Returns whether the limits of the channel reduce it.
 
         Raises:
             TypeError: an argument has the wrong type.
@@ -387,10 +387,10 @@ class Simulation:
         if self.continues and time_ns < 0:
             return  # in what came before
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
-        if self.end_ns is None or time_ns <= self.end_ns:
-            self._channels.take(command, time_ns)
-            self._ahead.forget()
-            self.clipped += command.clipped
+        # One for after the end stays, too: see `hasten`.
+        self._channels.take(command, time_ns)
+        self._ahead.forget()
+        self.clipped += command.clipped
 
     def actuate(self, topic: str, value: float, time_ns: int = 0) -> bool:
         """Let a command to an actuator take effect as `post` does; returns whether its limits reduce it.
@@ -441,6 +441,14 @@ class Simulation:
         self._channels.extend(table)
         self._ahead.forget()
         return rejected
+
+    def hasten(self, by_ns: int) -> list[str]:
+        """Let commands that wait and have a stamp act this much sooner; return the channels of those that never will.
+
+        Of each channel's commands that would have acted before now the newest acts now, and the others never.
+        """
+        self._ahead.forget()
+        return self._channels.hasten(by_ns, self._computed_ns)
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
         """Return topic, command and time (ns from now, 0 if held) of each command that a run from here would need."""

@@ -33,8 +33,8 @@ from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Solver
 
 COMPILED = [name for name, method in METHODS.items() if method.compiles]
-# Made of the steps of the others, and long to compile.
-COMPOSED = {"strang6", "dmv82", "midpoint4", "midpoint6", "dlm4"}
+# Made of the steps of the others, or much like one, and long to compile.
+COMPOSED = {"strang2", "strang6", "dmv82", "dmv864", "midpoint4", "midpoint6", "dlm4", "dlm6"}
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 

@@ -147,12 +147,12 @@ def test_parameters_for_all_nodes_of_a_bringup_are_warned_of_and_our_own_are_che
     shared = f"/**: {{ros__parameters: {foreign}}}\nother: {{ros__parameters: {{lockstp: true}}}}\n"
     arguments = ["--ros-args", "--params-file", str(file), "-p", f"scene:={scene}"]
 
-    def started(text: str, *more: str) -> RigidBodyNode:
+    def started(text: str, *more: str, command_line: bool = True) -> RigidBodyNode:
         file.write_text(text)
-        monkeypatch.setattr("sys.argv", ["rigid_body", *arguments, *more])
-        rclpy.init(context=(context := Context()), args=[*arguments, *more])
+        monkeypatch.setattr("sys.argv", ["rigid_body", *arguments, *more] if command_line else ["rigid_body"])
+        rclpy.init(context=(context := Context()), args=[*arguments, *more] if command_line else [])
         try:
-            node = RigidBodyNode(context=context)
+            node = RigidBodyNode(context=context, cli_args=None if command_line else [*arguments, *more])
             node.destroy_node()
             return node
         finally:
@@ -160,9 +160,9 @@ def test_parameters_for_all_nodes_of_a_bringup_are_warned_of_and_our_own_are_che
 
     assert started(shared).runner.scene.body.mass == 4.0
     said = capfd.readouterr().err
-    assert "parameter gains.p: found an unknown name" in said
-    assert "gains.d" in said
+    assert "(/**) are ignored: gains.d, gains.p\n" in said
     assert "scan" not in said
+    assert started(shared, command_line=False).runner.scene.body.mass == 4.0
     for own, more in (("{rigid_body: {ros__parameters: {lockstp: true}}}", ()), (shared, ("-p", "gains.p:=2.0"))):
         with pytest.raises(SceneError, match=r"lockstp: found|gains.p: found"):
             started(own, *more)

@@ -304,6 +304,45 @@ def test_a_command_without_a_stamp_acts_when_it_comes_though_a_later_stamp_waits
     assert [count(body, name) for name in ("accepted", "early", "late", "superseded")] == [4, 2, 0, 1]
 
 
+@pytest.mark.parametrize("how", ["pause", "lag"])
+def test_commands_that_wait_keep_to_their_stamps_when_time_was_lost(how: str) -> None:
+    """Stamps were turned into simulation time once, on arrival: after a pause of 2 s commands acted 2 s late."""
+    ms, now = 1_000_000, [10**12]
+    host = Memory()
+    body = runner(mode=Mode(start_paused=True, apply_at="stamp"), host=host)
+    body.pacer = Pacer(1.0, lambda: now[0])
+    begun = now[0]
+
+    def push(force: float, stamp_ns: int) -> None:
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), frame_id="world", stamp_ns=stamp_ns))
+
+    push(100.0, begun + 500 * ms)
+    push(6.0, begun + 1900 * ms)
+    push(7.0, begun + 2030 * ms)
+    push(8.0, begun + 2050 * ms)
+    push(50.0, 0)  # without a stamp: at once, until a stamped one acts
+    if how == "lag":
+        body.pause(False)
+        # The process stood still for so long.
+        body.pacer._clock_ns -= 2000 * ms
+    now[0] += 2000 * ms
+    if how == "lag":
+        body.tick()
+    else:
+        body.pause(False)
+    body.pause(True)
+    lost = (body.pacer.offset_ns or 0) - begun
+    assert 1900 * ms < lost <= 2000 * ms
+    run_steps(body, 20)
+    assert [count(body, name) for name in ("accepted", "superseded")] == [4, 1]
+    assert [event.time_ns for event in host.runs[-1].applied][-2:] == [2030 * ms - lost, 2050 * ms - lost]
+    # What is newer than what acted at once is late, and no more than that.
+    push(3.0, begun + lost + 70 * ms)
+    assert [count(body, name) for name in ("accepted", "late", "superseded")] == [5, 1, 1]
+    push(2.0, begun + lost + 40 * ms)
+    assert count(body, "superseded") == 2
+
+
 def test_by_arrival_the_commands_of_a_channel_keep_their_order() -> None:
     memory = Memory()
     body = runner(mode=Mode(), host=memory)

@@ -210,6 +210,7 @@ def test_in_real_time_stamps_are_ros_time_and_commands_stamped_in_it_act_at_thei
     looked = command("inspect", str(log))
     assert looked.returncode == 0, looked.stdout
     assert re.search(r"^LATENCY .* largest \[ms\]$", looked.stdout, re.MULTILINE)
+    assert "t = 0 is ROS time" in looked.stdout
     assert re.search(r"/wrench, from sending to acting; 0 sequence numbers are missing:\n .*#", looked.stdout)
 
 
