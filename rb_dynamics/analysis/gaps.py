@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import Array, Times
 
@@ -18,7 +19,12 @@ NAMED = 5
 
 def gaps(time_ns: Times) -> int:
     """Return the number of intervals longer than `longest_usual`."""
-    return int((np.diff(time_ns) > longest_usual(time_ns)).sum())
+    return len(after_gaps(time_ns))
+
+
+def after_gaps(times: Times | Array) -> NDArray[np.intp]:
+    """Return the index of the first sample after each gap."""
+    return np.flatnonzero(np.diff(times) > longest_usual(times)) + 1
 
 
 def longest_usual(time_ns: Times | Array) -> float:

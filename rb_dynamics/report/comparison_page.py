@@ -12,11 +12,11 @@ from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.report.path_figure import path_in_space
-from rb_dynamics.report.svg import Array, Panel
+from rb_dynamics.report.svg import Array, Panel, far_off
 
 _TITLES = {
     "attitude": "Attitude, quaternion from body to world",
-    "position": "Position of the body origin, world axes [m]",
+    "position": "Position of the body origin{less}, world axes [m]",
     "angular_velocity": "Angular velocity, body axes [rad/s]",
     "linear_velocity": "Velocity of the body origin, {axes} axes [m/s]",
     "angular_momentum": "Angular momentum, world axes [kg m²/s]",
@@ -70,21 +70,19 @@ def _notes(found: Comparison) -> list[Section]:
 
 
 def _panels(found: Comparison, names: tuple[str, ...]) -> list[Panel]:
-    return [
-        plots.overlay(
-            _TITLES[name].format(axes=each.axes),
-            _curve(found, each, 0),
-            _curve(found, each, 1),
-            {4: "xyzw", 3: "xyz", 1: [""]}[each.first.shape[1]],
-        )
-        for name in names
-        if (each := found.differences.get(name)) is not None
-    ]
+    return [_panel(found, each) for name in names if (each := found.differences.get(name)) is not None]
 
 
-def _curve(found: Comparison, each: Difference, side: int) -> tuple[Array, Array]:
-    """Return times and values that A (0) or B (1) recorded."""
-    return found.seconds(each.recorded[side].time_ns), _shown(each)[side]
+def _panel(found: Comparison, each: Difference) -> Panel:
+    first, second = _shown(each)
+    place, less = far_off(np.concatenate([first, second])) if each.name == "position" else (0.0, "")
+    times = [found.seconds(side.time_ns) for side in each.recorded]
+    return plots.overlay(
+        _TITLES[each.name].format(axes=each.axes, less=less),
+        (times[0], first - place),
+        (times[1], second - place),
+        {4: "xyzw", 3: "xyz", 1: [""]}[first.shape[1]],
+    )
 
 
 def _paths(found: Comparison) -> list[Figure]:
@@ -93,7 +91,8 @@ def _paths(found: Comparison) -> list[Figure]:
         return []
     places, unknown = position.recorded, [np.full((len(side.values), 4), np.nan) for side in position.recorded]
     turned = unknown[0] if attitude is None else attitude.recorded[0].at(places[0].time_ns)[0]
-    path = path_in_space([("A", places[0].values, turned), ("B", places[1].values, unknown[1])])
+    times = [found.seconds(side.time_ns) for side in places]
+    path = path_in_space([("A", times[0], places[0].values, turned), ("B", times[1], places[1].values, unknown[1])])
     return [Figure(path, "The dots are the starts; at some places stand the body axes of A.")] if path else []
 
 

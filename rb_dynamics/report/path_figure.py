@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rb_dynamics.analysis.gaps import after_gaps
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.report.interactive_plots import Curve, Picture, Plot
 from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, far_off, picture
@@ -23,15 +24,15 @@ _SEEN = np.array([[-0.6, -0.4], [0.8, -0.3], [0.0, math.sqrt(0.75)]])
 _PLACES, _ARM = 9, 0.08
 
 
-def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
-    """Return the paths of (label, positions (n, 3) in m, attitudes (n, 4) xyzw); None if nothing moves.
+def path_in_space(tracks: Sequence[tuple[str, Array, Array, Array]]) -> Picture | None:
+    """Return paths of (label, times (n,) in s, positions (n, 3) in m, attitudes (n, 4) xyzw); None if nothing moves.
 
-    The body axes stand at some places of the first path.
+    The body axes stand at some places of the first path. No line crosses a gap.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    known = [(name, *_known(position, attitude)) for name, position, attitude in tracks]
+    known = [(name, *_known(time_s, position, attitude)) for name, time_s, position, attitude in tracks]
     moving = [each for each in known if len(each[1])]
     if not moving:
         return None
@@ -39,8 +40,8 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
     place, less = far_off(every)
     every, moving = every - place, [(name, position - place, attitude) for name, position, attitude in moving]
     title = f"Path of the body origin{less}, world axes [m]"
-    extent = float(np.ptp(every, axis=0).max())
-    if not extent > 1e-9 * float(np.abs(every + place).max()):
+    extent = float((np.nanmax(every, axis=0) - np.nanmin(every, axis=0)).max())
+    if not extent > 1e-9 * float(np.nanmax(np.abs(every + place))):
         return None
     curves = _triads(*moving[0][1:], _ARM * extent)
     for number, (name, position, _) in enumerate(moving):
@@ -48,7 +49,7 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
         curves.append(Curve(name, _columns(position), color, "dash" if number else "line"))
         curves.append(Curve(f"start of {name}", _columns(position[:1]), color, "dots"))
     plot = Plot(title, curves, ["x [m]", "y [m]", "z [m]"])
-    corner, length = every.min(axis=0), 10.0 ** math.floor(math.log10(0.5 * extent))
+    corner, length = np.nanmin(every, axis=0), 10.0 ** math.floor(math.log10(0.5 * extent))
 
     def fill(figure: Figure, _most: int) -> None:
         axes = figure.add_axes((0.05, 0.05, 0.9, 0.8))
@@ -68,11 +69,20 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array]]) -> Picture | None:
     return replace(picture(fill, (690.0, 330.0), "Path of the body origin in space"), plots=lambda: [plot])
 
 
-def _known(position: Array, attitude: Array) -> tuple[Array, Array]:
-    """Return the samples of known position, so many that they look the same."""
+def _known(time_s: Array, position: Array, attitude: Array) -> tuple[Array, Array]:
+    """Return the samples of known position, so many that they look the same, and a row of NaN in each gap."""
     there = np.flatnonzero(np.isfinite(position).all(axis=1))
-    kept = there[np.unique(np.linspace(0, len(there) - 1, 2 * MAX_POINTS).astype(int))] if len(there) else there
-    return position[kept], attitude[kept]
+    if not len(there):
+        return position[there], attitude[there]
+    time_s = time_s[there]
+    after = after_gaps(time_s)
+    # The samples at both ends of a gap are kept; of very many gaps only the longest are shown.
+    after = after[np.argsort(time_s[after - 1] - time_s[after], kind="stable")[:MAX_POINTS]]
+    even = np.linspace(0, len(there) - 1, 2 * MAX_POINTS).astype(int)
+    kept = np.unique(np.concatenate([even, after - 1, after]))
+    holes = np.searchsorted(kept, np.sort(after))
+    rows = there[kept]
+    return np.insert(position[rows], holes, np.nan, axis=0), np.insert(attitude[rows], holes, np.nan, axis=0)
 
 
 def _columns(rows: Array) -> list[Array]:
@@ -80,7 +90,8 @@ def _columns(rows: Array) -> list[Array]:
 
 
 def _triads(position: Array, attitude: Array, arm: float) -> list[Curve]:
-    places = np.unique(np.linspace(0, len(position) - 1, _PLACES).astype(int))
+    there = np.flatnonzero(np.isfinite(position).all(axis=1))
+    places = there[np.unique(np.linspace(0, len(there) - 1, _PLACES).astype(int))]
     start, turned = position[places], attitude[places]
     if not np.isfinite(turned).all():
         return []

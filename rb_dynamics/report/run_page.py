@@ -207,7 +207,7 @@ def _motion(track: Track) -> list[Section]:
             "or a reset. The sign of the quaternion is chosen to be continuous: q and -q are the same attitude."
         )
         figures.append(Figure(plots.position_and_attitude(time_s, rows[:, :3], rows[:, 3:]), caption))
-        if path := path_in_space([("path", rows[:, :3], rows[:, 3:])]):
+        if path := path_in_space([("path", time_s, rows[:, :3], rows[:, 3:])]):
             figures.append(Figure(path, "The dot is the start; at some places stand the body axes x, y and z."))
     if track.moving is not None:
         time_s, rows = track.seconds(track.moving.time_ns), track.moving.values

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.gaps import longest_usual
+from rb_dynamics.analysis.gaps import after_gaps
 from rb_dynamics.errors import MissingExtraError
 from rb_dynamics.report.html import printable
 from rb_dynamics.report.interactive_plots import Picture, Plot, read, time_axis
@@ -247,7 +247,7 @@ def _points(line: Line, log: bool, end: float, most: int = MAX_POINTS) -> tuple[
     time_s = line.time_s
     if not line.step:
         # No line across a gap, in which the values are unknown.
-        holes = np.flatnonzero(np.diff(time_s) > longest_usual(time_s)) + 1
+        holes = after_gaps(time_s)
         time_s, values = np.insert(time_s, holes, time_s[holes - 1]), np.insert(values, holes, np.nan)
     kept = thin(values, most)
     time_s, values = time_s[kept], values[kept]

@@ -93,17 +93,17 @@ def test_figures_of_a_campaign_can_be_read() -> None:
 
 def test_positions_far_from_zero_count_from_where_their_motion_is_seen() -> None:
     far = WAVE + np.array([369_644.7, 3_280_417.0, 0.0])
-    (path,) = path_in_space([("A", far, STILL)]).plots()  # type: ignore[union-attr]
+    (path,) = path_in_space([("A", TIME, far, STILL)]).plots()  # type: ignore[union-attr]
     place = next(curve for curve in path.curves if curve.label == "A")
     assert "less (369" in path.title
     assert max(float(np.abs(each).max()) for each in place.points) < 10.0
     assert "less (369" in plots.position_and_attitude(np.arange(float(len(far))), far, STILL).svg
-    (near,) = path_in_space([("A", WAVE, STILL)]).plots()  # type: ignore[union-attr]
+    (near,) = path_in_space([("A", TIME, WAVE, STILL)]).plots()  # type: ignore[union-attr]
     assert "less" not in near.title
 
 
 def test_a_path_in_space_has_the_positions_and_the_body_axes() -> None:
-    found = path_in_space([("A", WAVE, STILL), ("B", WAVE + 1.0, STILL)])
+    found = path_in_space([("A", TIME, WAVE, STILL), ("B", TIME, WAVE + 1.0, STILL)])
     assert found is not None
     (plot,) = found.plots()
     curves = {curve.label: np.column_stack(list(curve.points)) for curve in plot.curves}
@@ -115,11 +115,26 @@ def test_a_path_in_space_has_the_positions_and_the_body_axes() -> None:
     assert "1 m long" in found.svg
 
 
+def test_no_path_crosses_a_gap() -> None:
+    """Neither where messages are missing nor where a position is unknown; however the samples are thinned."""
+    long = np.arange(100_000) * 1e-3
+    position = np.stack([np.sin(long), np.cos(long), long], axis=1)
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (len(long), 1))
+    there = (long < 30.0) | (long > 31.0)
+    position[(long > 60.0) & (long < 60.01)] = np.nan
+    (plot,) = path_in_space([("A", long[there], position[there], still[there])]).plots()  # type: ignore[union-attr]
+    z = next(curve for curve in plot.curves if curve.label == "A").points[2]
+    holes = np.flatnonzero(np.isnan(z))
+    np.testing.assert_allclose(np.stack([z[holes - 1], z[holes + 1]]), [[29.999, 60.0], [31.001, 60.01]], atol=1e-6)
+    assert len(z) < 3 * svg.MAX_POINTS
+    assert any(curve.label == "body x" for curve in plot.curves)
+
+
 @pytest.mark.parametrize(
     "position", [np.zeros((5, 3)), np.full((5, 3), np.nan), np.full((5, 3), 1e6), np.zeros((0, 3))]
 )
 def test_what_does_not_move_has_no_path(position: np.ndarray) -> None:
-    assert path_in_space([("A", position, STILL[: len(position)])]) is None
+    assert path_in_space([("A", TIME[: len(position)], position, STILL[: len(position)])]) is None
 
 
 def test_the_library_is_plotly_compressed_and_always_the_same() -> None:

@@ -447,3 +447,12 @@ def test_pages_and_recordings_show_what_there_is(kind: str, log: Path, folder: P
     assert ("not in both" in page) == (kind == "poses")
     write_comparison_recording(found, folder / f"{kind}.rrd")
     assert (folder / f"{kind}.rrd").stat().st_size > 5_000
+
+
+def test_the_page_shows_the_motion_of_bodies_far_from_zero(folder: Path) -> None:
+    from rb_dynamics.report.comparison_page import comparison_report
+    from rb_dynamics.report.html import render_html
+
+    first, second = (fly(folder / f"far_{x:.0f}.mcap", initial__position_world=[x, 2e6, 0.0]) for x in (1e6, 1e6 + 2.0))
+    page = render_html(comparison_report(rb.compare(first, second, align="stamp")))
+    assert "Position of the body origin less (1000000, 2000000, 0) m, world axes [m]" in page
