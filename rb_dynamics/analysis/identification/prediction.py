@@ -51,6 +51,9 @@ _SCHEDULED = re.compile(r"schedule\[([0-9]{1,6})\]\.(force|torque)")
 # How often a flight is predicted in a fit, at least.
 _CALLS = 20
 
+# No motion has numbers as large.
+_LOST = 1e60
+
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
 
@@ -433,6 +436,10 @@ class Model:
                 columns,
                 *rates,
             )
+        for part in (states, columns, *rates):
+            # Numbers of a motion that runs away are not computed with: their products are none.
+            if not (part.max(initial=0.0) < _LOST and part.min(initial=0.0) > -_LOST):
+                part[~(np.abs(part) < _LOST)] = np.nan
         if "delay.commands" in layout:
             for part in (columns, rates[1]):
                 part[:, :, where[layout["delay.commands"].at.start]] *= layout["delay.commands"].scale[0]

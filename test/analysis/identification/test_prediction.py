@@ -8,6 +8,7 @@ from identified_flights import flown, guess, random_body
 
 from rb_dynamics import parse_scene
 from rb_dynamics.analysis.identification import prediction
+from rb_dynamics.analysis.identification.estimation import sane, stacked
 from rb_dynamics.analysis.identification.flights import (
     ACCELERATION,
     ATTITUDE,
@@ -164,3 +165,17 @@ def test_the_kernel_is_made_ahead_and_used_once_it_is_there(monkeypatch: pytest.
         found = variational_equations.kernel(10**6, 1)
     assert (found is not variational_equations.plain) == available()
     assert variational_equations.VARIATIONAL.name in usual_kernels()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("far", [1e200, np.inf])
+def test_a_motion_that_runs_away_has_no_numbers_and_no_warnings(monkeypatch: pytest.MonkeyPatch, far: float) -> None:
+    def run_away(*given: Array) -> None:
+        for part in given[13:]:
+            part[:] = far
+
+    monkeypatch.setattr(prediction, "kernel", lambda *_: run_away)
+    model = Model(parse_scene(SCENE), [every_sensor()], FIT)
+    predicted = list(model.predict(np.zeros(model.layout.count)))
+
+    assert not sane(*stacked(predicted, {each.key: 1e-9 for each in predicted}))
