@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.track import RecordedWrench, Times, Track
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.wrench_bags import driven_of
@@ -43,12 +44,12 @@ class CommandDifference:
 
 
 def command_differences(
-    a: Track, b: Track, offset_ns: int, span_ns: tuple[int, int]
+    a: Track, b: Track, alignment: Alignment, span_ns: tuple[int, int]
 ) -> tuple[list[CommandDifference] | None, list[str]]:
     """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two does not tell.
 
     Channels of one name belong together, and those of which a log says that the topic drove the channel; if one is left
-    on each side, so do these.
+    on each side, so do these. A difference that an uncertain lag may make is none.
     """
     unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
     if unknown:
@@ -61,8 +62,28 @@ def command_differences(
         (mine,), (its,) = left
         pairs = [pair for pair in pairs if pair[0] not in (mine, its)] + [(mine, one[mine], other[its])]
         told.append(f"The commands on {mine} in A are compared with those on {its} in B.")
-    found = [_compared(name, first, second, offset_ns, span_ns) for name, first, second in pairs]
-    return [each for each in found if each is not None], told
+    # A time since 1970 in seconds, as Python has it, is good to less than a microsecond.
+    tolerance_ns = 1000 if alignment.by == "seconds" else 0
+    if alignment.uncertainty_s is not None:
+        intervals = [np.diff(steps.time_ns) for each in (one, other) for steps in each.values()]
+        usual_s = min((float(np.median(each)) / 1e9 for each in intervals if len(each)), default=np.inf)
+        if usual_s < 4.0 * alignment.uncertainty_s:
+            told.append(
+                f"Commands are not compared: the lag is known to +- {alignment.uncertainty_s:.2g} s, and they come "
+                f"every {usual_s:.2g} s."
+            )
+            return None, told
+        if np.isfinite(alignment.uncertainty_s):
+            tolerance_ns = round(2e9 * alignment.uncertainty_s)
+    compared = (_compared(name, x, y, alignment.offset_ns, span_ns, tolerance_ns) for name, x, y in pairs)
+    found = [each for each in compared if each is not None]
+    unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
+    if unknown:
+        told.append(
+            f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
+            "no usable numbers; --scene SCENE says what frames are."
+        )
+    return found if found or not unknown else None, told
 
 
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
@@ -74,7 +95,12 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
 
 
 def _compared(
-    name: str, a: RecordedWrench | None, b: RecordedWrench | None, offset_ns: int, span_ns: tuple[int, int]
+    name: str,
+    a: RecordedWrench | None,
+    b: RecordedWrench | None,
+    offset_ns: int,
+    span_ns: tuple[int, int],
+    tolerance_ns: int,
 ) -> CommandDifference | None:
     begin, end = span_ns
     # At the end itself a command has no time to act.
@@ -93,7 +119,8 @@ def _compared(
         _held(a, at, 0),
         _held(b, at, offset_ns),
     )
-    known = known_a & known_b
+    # What lasts no longer than the two may be shifted against each other tells nothing.
+    known = known_a & known_b & (np.diff(at, append=end) > tolerance_ns)
     turned = (world_a != world_b) & (force_a.any(axis=1) | torque_a.any(axis=1))
     turned &= force_b.any(axis=1) | torque_b.any(axis=1)
     forces, torques = (np.linalg.norm(x - y, axis=1) for x, y in ((force_a, force_b), (torque_a, torque_b)))

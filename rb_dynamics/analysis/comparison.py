@@ -343,7 +343,7 @@ def compare_tracks(
     times = [each.time_ns for name, each in found.items() if name in MOTION]
     span = int(min(time[0] for time in times)), int(max(time[-1] for time in times))
     compared_s, left_out = _left_out(found, cut_one, cut_other, one, other, span, zero_ns)
-    commands, unequal = command_differences(a.track, b.track, alignment.offset_ns, span)
+    commands, unequal = command_differences(a.track, b.track, alignment, span)
     sides = [
         Side(each.path, each.track.own, each.flown, _span_s(motion, zero_ns), each.track.body)
         for each, motion in ((a, one), (b, other))

@@ -434,9 +434,16 @@ def _channel(
         last_s=float(at[-1]) if len(at) else None,
         usual_s=float(np.median(np.diff(at))) if len(at) > 1 else None,
         held_s=_held_at_the_end(track, steps.without(track.bag.missing), at),
-        largest_force=float(np.linalg.norm(steps.force, axis=1).max(initial=0.0)),
-        largest_torque=float(np.linalg.norm(steps.torque, axis=1).max(initial=0.0)),
+        largest_force=_largest(steps.force, steps),
+        largest_torque=_largest(steps.torque, steps),
     )
+
+
+def _largest(vectors: Array, steps: RecordedWrench) -> float | None:
+    """Return the largest magnitude of those that are known; None if there are only others."""
+    if len(vectors) and not steps.known.any():
+        return None
+    return float(np.linalg.norm(vectors[steps.known], axis=1).max(initial=0.0))
 
 
 def _held_at_the_end(track: Track, steps: RecordedWrench, at: Array) -> float | None:

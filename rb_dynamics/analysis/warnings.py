@@ -55,8 +55,8 @@ class ChannelHistory:
     last_s: float | None
     usual_s: float | None
     held_s: float | None
-    largest_force: float
-    largest_torque: float
+    largest_force: float | None
+    largest_torque: float | None
 
 
 @dataclass(frozen=True)

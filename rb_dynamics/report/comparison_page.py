@@ -148,7 +148,7 @@ def _other(found: Comparison) -> Section:
     for head, lines, known in (
         ("commands", text.command_lines(found), found.commands),
         ("mass properties", text.body_lines(found), found.body),
-        ("run", text.named_lines(found.run), found.run),
+        ("run", text.named_lines(found.run), found.run if found.a.own and found.b.own else None),
     ):
         told = ["unknown"] if known is None else lines or ["the same"]
         rows += [[head if number == 0 else "", line] for number, line in enumerate(told)]

@@ -162,7 +162,14 @@ def channel_rows(summary: RunSummary) -> list[list[str]]:
     for c in summary.channels:
         counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
         frames = frame_names(c.frames)
-        rows.append([c.topic, frames, *counts, f"{c.largest_force:.5g}", f"{c.largest_torque:.5g}"])
+        rows.append(
+            [
+                c.topic,
+                frames,
+                *counts,
+                *("-" if each is None else f"{each:.5g}" for each in (c.largest_force, c.largest_torque)),
+            ]
+        )
     return rows if summary.channels else []
 
 

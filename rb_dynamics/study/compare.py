@@ -7,19 +7,23 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal, TypeAlias
+
+import numpy as np
 
 from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.comparison import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.signals import MotionSignals
-from rb_dynamics.analysis.track import Track
+from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.loads.channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
+from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
@@ -260,14 +264,44 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
 
 
 def _flown_from(a: Track, b: Track) -> int | None:
-    """Return B's time less A's where the log of one says that its commands came from the other; None otherwise."""
+    """Return B's time less A's where the commands in the log of one came from the other; None otherwise."""
     for log, bag, sign in ((a, b, 1), (b, a, -1)):
-        start = origin_of(log.bag.metadata).get(bag.bag.path.name)
-        if not bag.own and start is not None:
+        start = _recorded_start(log, bag)
+        if log.own and not bag.own and start is not None:
             first, last = bag.span_ns
             if first <= start + log.span_ns[1] and start + log.span_ns[0] <= last:
                 return sign * start
     return None
+
+
+def _recorded_start(log: Track, bag: Track) -> int | None:
+    """Return which time of `bag` is time 0 of `log`, by the stamps of the commands in both; None if they tell nothing.
+
+    Only commands without stamps are known by the name of their bag: it may have been renamed, or be another's.
+    """
+    origin = origin_of(log.bag.metadata)
+    (times, stamps), (_, recorded) = _stamped(log), _stamped(bag)
+    if not len(stamps) or not len(recorded):
+        return origin.get(bag.bag.path.name)
+    enough = 0.5 * min(len(stamps), len(recorded))
+    # Stamps of commands from bags are those of the run.
+    for start in origin.values():
+        if np.isin(stamps + start, recorded).sum() >= enough:
+            return start
+    shared = np.isin(stamps, recorded)
+    starts, counts = np.unique((stamps - times)[shared], return_counts=True)
+    # Where commands acted on arrival, it is another time for each.
+    return int(starts[counts.argmax()]) if counts.max(initial=0) >= enough else None
+
+
+def _stamped(track: Track) -> tuple[Times, Times]:
+    """Return log times and stamps of all commands that have one."""
+    topics = (track.bag.topics.get(steps.topic.removesuffix(APPLIED)) for steps in track.wrenches)
+    found = [topic for topic in topics if topic is not None and topic.count]
+    times, stamps = (
+        np.concatenate([np.empty(0, np.int64), *map(attrgetter(name), found)]) for name in ("log_times", "stamps")
+    )
+    return times[stamps != 0], stamps[stamps != 0]
 
 
 def _off_stamps(a: Track, b: Track, one: MotionSignals, other: MotionSignals) -> list[str]:

@@ -18,10 +18,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rb_dynamics as rb
+from rb_dynamics.analysis.alignment import Alignment
+from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
 from rb_dynamics.analysis.comparison import MOTION
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.merging import merge
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -304,6 +308,31 @@ def test_a_log_says_from_which_bag_it_was_flown(log: Path, scene: Path, folder: 
     found = rb.compare(run, bag)
     assert (found.alignment.by, found.alignment.offset_ns) == ("commands", LATER)
     assert found.first_ns is None
+    # By what is in it: a bag that was renamed is the same, and another of its name is not.
+    renamed = bag.rename(folder / "renamed.mcap")
+    other = [(topic, at + 30_000_000, numbers) for topic, at, numbers in bag_commands()]
+    stranger = foreign(folder / "source.mcap", log, later_ns=LATER, commands=other)
+    assert rb.compare(run, renamed).alignment.by == "commands"
+    assert rb.compare(run, stranger).alignment.by == "lag"
+
+
+def test_commands_that_are_not_understood_are_unknown_and_a_lag_makes_no_difference(log: Path, folder: Path) -> None:
+    """Ten times the torque, in a frame that nobody declared, was called the same."""
+    later = [(topic, at + 1_000_000, numbers) for topic, at, numbers in bag_commands()]
+    shifted = foreign(folder / "shifted.mcap", log, later_ns=LATER, commands=later)
+    tracks = [read_track(read_bag(each)) for each in (log, shifted)]
+
+    def differing(uncertainty_s: float) -> list[CommandDifference] | None:
+        return command_differences(*tracks, Alignment("lag", LATER, uncertainty_s), tracks[0].span_ns)[0]
+
+    assert differing(2e-3) == []
+    assert [each.force > 1.0 for each in differing(1e-4) or ()] == [True]
+    assert differing(1.0) is None
+    tenfold = [(topic, at, tuple(10.0 * n for n in numbers)) for topic, at, numbers in bag_commands()]
+    strange = foreign(folder / "strange.mcap", log, later_ns=LATER, commands=tenfold, frame="base_link")
+    unknown = rb.compare(log, strange, align=LATER / 1e9)
+    assert unknown.commands is None
+    assert any("frames that are not declared" in note for note in unknown.notes)
 
 
 def test_what_if_of_a_flight_is_aligned_and_its_commands_are_compared_as_those_of_the_flight(

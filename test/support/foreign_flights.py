@@ -31,6 +31,7 @@ def foreign(
     turned_body: bool = False,
     shifted: tuple[float, float, float] = (0.0, 0.0, 0.0),
     commands: Iterable[tuple[str, int, tuple[float, ...]]] = (),
+    frame: str = "body",
 ) -> Path:
     """Write the motion in `log` as a bag of another program.
 
@@ -44,7 +45,8 @@ def foreign(
         negative: turns the sign of every other quaternion.
         turned_body: the body axes are turned by `TURN`.
         shifted: is added to the positions, m.
-        commands: topic, time (ns) and force and torque in body axes.
+        commands: topic, time (ns) and force and torque in the axes of `frame`.
+        frame: of the commands.
     """
     source: Bag = read_bag(log)
     times, poses = source.poses("/pose")
@@ -64,5 +66,5 @@ def foreign(
         if twist:
             rows.append(("/vicon/twist", TWIST, at, cdr.encode(TWIST, at, "body", tuple(twists[number].tolist()))))
     for topic, at, numbers in commands:
-        rows.append((topic, WRENCH, at + later_ns, cdr.encode(WRENCH, at + later_ns, "body", numbers)))
+        rows.append((topic, WRENCH, at + later_ns, cdr.encode(WRENCH, at + later_ns, frame, numbers)))
     return write_rows(path, sorted(rows, key=lambda row: row[2]))
