@@ -38,7 +38,8 @@ Start: TypeAlias = Literal["auto", "bag", "first", "stamp"] | int
 """Which time is time 0 of the run.
 
 stamp: 0 of the stamps. first: the first command. bag: the first message of any topic, or the first command where that
-is stamped up to 1 s earlier, for it takes time to be recorded. An integer: that stamp, ns. auto: as with stamp for
+is stamped up to 1 s earlier, for it takes time to be recorded; log times that are of another clock than the stamps are
+moved to theirs. An integer: that stamp, ns. auto: as with stamp for
 each bag of which some commands lie within the run so, as with bag for the others, unless they begin less than 1e6 s
 after a run that some bag reaches: these are later in the same time. Several bags are of one time: the earliest of their
 starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
@@ -47,6 +48,8 @@ which says when each took effect, go by their log times.
 
 _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
+# Every command is recorded at least so much behind its stamp, or before it, only if these are of two clocks.
+_APART_NS = _NANOSECONDS // 10
 # Commands that begin later than this after the end of the run are of another clock than those within it.
 _ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
 
@@ -102,6 +105,7 @@ class _Recording:
         found: commands on each of its wrench topics.
         count: commands for channels of the scene.
         begin_ns: the earliest log time of any message.
+        behind_ns: how far its commands are recorded behind their stamps, at least; None without any.
         within: commands between start and end of the run.
         early: commands before its start, which act from the start on, unless another follows.
         acting: those within that can be honoured.
@@ -120,6 +124,7 @@ class _Recording:
     found: Counter[str] = field(default_factory=Counter)
     count: int = 0
     begin_ns: int | None = None
+    behind_ns: int | None = None
     within: int = 0
     early: int = 0
     acting: int = 0
@@ -139,9 +144,15 @@ class _Recording:
         return self.log_times if self.by_log else self.stamps
 
     @property
+    def apart_ns(self) -> int:
+        """How far its log times are behind its stamps if these are of two clocks; else 0."""
+        behind_ns = 0 if self.by_log else self.behind_ns or 0
+        return behind_ns if abs(behind_ns) > _APART_NS else 0
+
+    @property
     def start_ns(self) -> int:
         """Where it begins, see `Start`."""
-        first_ns, begin_ns = self.span.first_ns or 0, self.begin_ns or 0
+        first_ns, begin_ns = self.span.first_ns or 0, (self.begin_ns or 0) - self.apart_ns
         return first_ns if begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
 
     @property
@@ -330,6 +341,8 @@ class RecordedWrenches:
         bag.count += len(batch.stamps)
         bag.stamps.add(batch.stamps)
         bag.log_times.add(batch.log_times)
+        behind_ns = int((batch.log_times - batch.stamps).min())
+        bag.behind_ns = behind_ns if bag.behind_ns is None else min(bag.behind_ns, behind_ns)
         commands = batch.commands
         times = commands.time_ns
         within = (times >= 0) & (times <= self._end_ns)
@@ -382,6 +395,12 @@ class RecordedWrenches:
             time_0 = self._time_0(start, moved)
             for bag in moved:
                 bag.offset_ns = time_0
+                if start in ("auto", "bag") and bag.apart_ns:
+                    self.notes.append(
+                        f"{bag.path}: its log times are {_seconds(abs(bag.apart_ns))} s "
+                        f"{'behind' if bag.apart_ns > 0 else 'ahead of'} its stamps: the start of the bag is taken by "
+                        "the stamps"
+                    )
                 if start == "auto":
                     self.notes.append(
                         f"{bag.path}: none of its commands, {bag.span}, lies within the run, which "

@@ -122,6 +122,18 @@ def test_what_is_time_0(tmp_path: Path, start: Start, expected: list[int], noted
     assert found.facts == {"wrench_bags": "a.mcap", "wrench_start_ns": str(offset)}
 
 
+@pytest.mark.parametrize("later_ns", [SECOND // 2, -SECOND // 2, 3600 * SECOND])
+def test_log_times_of_another_clock_do_not_move_the_commands(tmp_path: Path, later_ns: int) -> None:
+    """They were flown that much too early or late, and the motion was off by as much."""
+    stamps = [WALL_NS + SECOND, WALL_NS + 2 * SECOND]
+    rows: list[Row] = [("/other", STAMPED, WALL_NS + later_ns, stamped(WALL_NS, 1.0))]
+    rows += [("/wrench", STAMPED, at + later_ns, stamped(at, 1.0)) for at in stamps]
+    bag = write_rows(tmp_path / "a.mcap", rows)
+    found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in found] == [SECOND, 2 * SECOND]
+    assert "the start of the bag is taken by the stamps" in found.notes[0]
+
+
 def test_stamps_within_the_run_stand(tmp_path: Path) -> None:
     bag = recorded(tmp_path / "a.mcap", WALL_NS, [9 * SECOND, 11 * SECOND])
     found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
