@@ -30,7 +30,7 @@ COMMAND = ".venv/bin/rb-dynamics "
 # What stays until it is stopped, or needs a viewer; the node and what listens to it are in test/ros/test_examples.py.
 STAYS = re.compile(r"rb-dynamics node |--into ros|rerun\+http")
 # Each of these takes a minute or more, or is much like another.
-SLOW = re.compile(r"--video|campaign (?!.*--runs)|trade .*--budget")
+SLOW = re.compile(r"--video|campaign (?!.*--runs)|trade .*--budget|out/few|run106")
 
 
 class Step(NamedTuple):

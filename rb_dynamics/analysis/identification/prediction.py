@@ -51,8 +51,8 @@ _SCHEDULED = re.compile(r"schedule\[([0-9]{1,6})\]\.(force|torque)")
 # How often a flight is predicted in a fit, at least.
 _CALLS = 20
 
-# No motion has numbers as large.
-_LOST = 1e60
+# No motion has numbers as large, and their products still are some.
+_LOST = 1e150
 
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
