@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
@@ -41,8 +42,8 @@ MOTION = ("attitude", "position", "angular_velocity", "linear_velocity")
 Bound: TypeAlias = "float | Mapping[str, float]"
 """Largest difference accepted: in every quantity of `MOTION`, or in each that is named; rad, m, rad/s, m/s."""
 
-# If this part of the samples of the coarser recording are stamps of both, only these are compared.
-_COMMON = 0.1
+# So many samples of the coarser recording in a row without a stamp of both are compared too, by interpolation.
+_RARE = 10
 # A constant difference is named if what remains without it is this many times smaller.
 _CONSTANT = 10.0
 PARTS = 6
@@ -271,11 +272,11 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
     a_coarse = (len(within[0]), within[0].tolist()) <= (len(within[1]), within[1].tolist())
     coarse, fine = (within[0], b) if a_coarse else (within[1], a)
     common = np.intersect1d(a.time_ns, b.time_ns)
-    times = common if len(common) >= max(1.0, _COMMON * len(coarse)) else coarse
-    _, known = fine.at(times)
-    times = times[known]
+    _, known = fine.at(coarse)
+    times = coarse[known]
     if not len(times):
         return None
+    times = times[_compared(np.isin(times, common))]
     first, second = a.at(times)[0], b.at(times)[0]
     size = np.linalg.norm(differences(first, second), axis=1)
     interpolated = ~np.isin(times, common)
@@ -295,6 +296,20 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         fine.interpolation_error() if interpolated.any() else 0.0,
         (a.within(begin, end), b.within(begin, end)),
     )
+
+
+def _compared(common: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which samples are compared: those at stamps of both, and all where these are rare.
+
+    Clocks may agree for a while only: what follows would otherwise be left out.
+    """
+    edges = np.diff(common.astype(np.int8), prepend=1, append=1)
+    begins, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
+    chosen = common.copy()
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+        if end - begin >= min(_RARE, len(common)):
+            chosen[begin:end] = True
+    return chosen
 
 
 @dataclass(frozen=True)

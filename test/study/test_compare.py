@@ -20,8 +20,9 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.comparison import MOTION
+from rb_dynamics.analysis.comparison import MOTION, difference
 from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.signals import Signal
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.merging import merge
@@ -267,8 +268,6 @@ def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, fold
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 3).filter(lambda v: math.hypot(*v) > 1e-3))
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_known_rotation_between_two_is_what_is_found(vector: tuple[float, ...]) -> None:
-    from rb_dynamics.analysis.comparison import difference
-    from rb_dynamics.analysis.signals import Signal
     from rb_dynamics.numerics.rotation_arrays import exponentials, product
 
     times = np.arange(50) * 10**8
@@ -280,6 +279,21 @@ def test_a_known_rotation_between_two_is_what_is_found(vector: tuple[float, ...]
     assert back is not None
     assert np.allclose(found.size, math.hypot(*vector), rtol=1e-13)
     assert np.array_equal(found.size, back.size)
+
+
+def test_what_comes_after_the_last_common_stamp_is_compared_too() -> None:
+    """Clocks that agree for a while only: whatever followed was left out."""
+    times = np.arange(1000) * 10_000_000
+    late = np.where(times < times[500], times, times + 1_000_000)
+    values = np.outer(times * 1e-9, (1.0, 0.0, 0.0))
+    off = np.where(times < times[500], 0.0, 1.0)[:, None]
+    a, b = Signal.of(times, values), Signal.of(late, values + off)
+    for one, other in ((a, b), (b, a)):
+        found = difference("position", "world", one, other)
+        assert found is not None
+        assert found.size.max() > 0.99
+        assert len(found.time_ns) == 999
+        assert found.interpolated == 499
 
 
 def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> None:
