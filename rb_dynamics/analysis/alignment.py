@@ -1,8 +1,9 @@
 """`Alignment`: how the times of two recordings belong together, given by the reader or found as the best lag.
 
 The lag makes the magnitudes of angular and linear velocity, which do not depend on the axes, differ least. If they are
-constant or periodic, the angular velocity in body axes is used. How far the lag can be trusted is told by the noise, by
-each half of the recording alone, and by other lags that fit as well.
+constant or periodic, the angular velocity in body axes is used, and attitudes decide between lags that fit equally
+well. How far the lag can be trusted is told by the noise, by what else differs, by each half of the recording alone,
+and by other lags that fit as well.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rb_dynamics.analysis.signals import MotionSignals, Signal
+from rb_dynamics.analysis.signals import MotionSignals, Signal, differences
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
-from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
 # Grid points at most, for the search, and samples at which two recordings are held against each other.
 _GRID = 1 << 16
@@ -23,13 +23,20 @@ _GRID = 1 << 16
 _OVERLAP = 0.5
 # A signal that changes less than this, relative to its size, has nothing to be aligned by.
 _FLAT = 1e-6
+# Rates of a pose that are rougher than this are taken over twice the interval, while so many remain.
+_ROUGH, _LEAST = 0.05, 50
 # The best lag leaves at most this part of the usual difference; another one that leaves less than this many times what
 # the best leaves, or this part of the usual, is a rival.
 _FITS, _TIMES, _RIVAL = 0.25, 4.0, 0.02
+# So many rivals are told apart by attitudes at so many instants. Those of the best lag differ by at most so many rad,
+# and those of the next by this many times more: world and body axes of both are then the same.
+_MOST, _INSTANTS, _ALIKE, _SURELY = 32, 2000, 0.3, 3.0
 # Steps to either side over which a slope is taken, and how many reaches of it are tried, each four times the last.
 _AROUND, _REACHES = 4, 4
 # Steps of Newton's method at most, and steps of the search within which a lag is told, or else it is not.
 _ROUNDS, _FARTHEST = 20, 400
+# So many samples later, what remains shares no sample with what remains now.
+_LATER = 5
 # What an offset at which stamps coincide leaves, at most, of what the best one does.
 _SHARP = 0.5
 _SECOND = 1e9
@@ -56,7 +63,17 @@ class Alignment:
     @property
     def doubtful(self) -> bool:
         """Whether another lag may be the true one, or none fits well."""
-        return self.rival_s is not None or (self.remaining or 0.0) > _FITS
+        return bool(self.doubts)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why another lag may be the true one, in words; empty if none may."""
+        told = []
+        if (self.remaining or 0.0) > _FITS:
+            told.append(f"it leaves {100.0 * (self.remaining or 0.0):.0f} % of the usual difference of rates")
+        if self.rival_s is not None:
+            told.append(f"{self.rival_s:.6f} s fits about as well")
+        return told
 
 
 def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
@@ -65,7 +82,11 @@ def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
     Raises:
         LogError: nothing changes in them by which they could be aligned.
     """
-    found = [lag for signals in (_magnitudes(a, b), _vectors(a, b)) if signals and (lag := _lag(signals)) is not None]
+    a, b = a.without_outliers(), b.without_outliers()
+    poses = a.attitude, b.attitude
+    found = [
+        lag for signals in (_magnitudes(a, b), _vectors(a, b)) if signals and (lag := _lag(signals, *poses)) is not None
+    ]
     if not found:
         raise LogError(
             "found no change of the motion by which the two could be aligned in time, expected rates or velocities "
@@ -76,7 +97,7 @@ def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
 
 def misfit(a: MotionSignals, b: MotionSignals, offset_ns: int) -> float | None:
     """Return what an offset leaves, as `remaining`; None if nothing varies."""
-    signals = _magnitudes(a, b)
+    signals = _magnitudes(a.without_outliers(), b.without_outliers())
     return _cost(signals, offset_ns) if signals else None
 
 
@@ -92,35 +113,47 @@ class _SignalPair:
 def _magnitudes(a: MotionSignals, b: MotionSignals) -> list[_SignalPair]:
     return _varying(
         [
-            (_size(a.rate or _turning(a.attitude)), _size(b.rate or _turning(b.attitude))),
-            (_size(a.velocity_body or _moving(a.position)), _size(b.velocity_body or _moving(b.position))),
+            (_size(a.rate or _changing(a.attitude)), _size(b.rate or _changing(b.attitude))),
+            (_size(a.velocity_body or _changing(a.position)), _size(b.velocity_body or _changing(b.position))),
         ]
     )
 
 
 def _vectors(a: MotionSignals, b: MotionSignals) -> list[_SignalPair]:
-    return _varying([(a.rate or _turning(a.attitude), b.rate or _turning(b.attitude))])
+    return _varying([(a.rate or _changing(a.attitude), b.rate or _changing(b.attitude))])
 
 
 def _size(signal: Signal | None) -> Signal | None:
     return signal and Signal(signal.time_ns, np.linalg.norm(signal.values, axis=1, keepdims=True), signal.broken)
 
 
-def _turning(attitude: Signal | None) -> Signal | None:
-    return attitude and _rates(attitude, rotation_vectors(attitude.values))
+def _changing(signal: Signal | None) -> Signal | None:
+    """Return the rates of a pose, over the shortest intervals at which its noise does not hide them."""
+    found: dict[float, Signal] = {}
+    every = 1
+    while signal is not None and len(signal.time_ns) > every * (_LEAST if found else 2):
+        rates = _rates(signal, every)
+        found.setdefault(_roughness(rates), rates)
+        if min(found) < _ROUGH:
+            break
+        every *= 2
+    return found[min(found)] if found else None
 
 
-def _moving(position: Signal | None) -> Signal | None:
-    return position and _rates(position, np.diff(position.values, axis=0))
+def _rates(signal: Signal, every: int) -> Signal:
+    """Return changes from one of `every` samples to the next as mean rates, in the middle; none over gaps."""
+    times, values = signal.time_ns[::every], signal.values[::every]
+    lost = np.concatenate([[0], np.cumsum(signal.broken)])[::every]
+    length, whole = np.diff(times), np.diff(lost) == 0
+    changes = differences(values[:-1], values[1:]) / (length[:, None] * 1e-9)
+    return Signal.of((times[:-1] + length // 2)[whole], changes[whole])
 
 
-def _rates(signal: Signal, changes: Array) -> Signal | None:
-    """Return changes as mean rates, in the middle of their intervals; none over gaps."""
-    if len(signal.time_ns) < 3:
-        return None
-    length, whole = np.diff(signal.time_ns), ~signal.broken
-    middle = signal.time_ns[:-1] + length // 2
-    return Signal.of(middle[whole], (changes / (length[:, None] * 1e-9))[whole])
+def _roughness(signal: Signal) -> float:
+    """Return mean squared difference of neighbours, of twice the variance: 1 for noise (von Neumann), 0 if smooth."""
+    spread = float(np.sum(signal.values.var(axis=0))) if len(signal.values) > 1 else 0.0
+    steps = np.sum(np.diff(signal.values, axis=0)[~signal.broken] ** 2, axis=1)
+    return float(steps.mean()) / (2.0 * spread) if spread > 0.0 and len(steps) else np.inf
 
 
 def _varying(pairs: list[tuple[Signal | None, Signal | None]]) -> list[_SignalPair]:
@@ -135,28 +168,51 @@ def _varying(pairs: list[tuple[Signal | None, Signal | None]]) -> list[_SignalPa
     return signals
 
 
-def _lag(signals: list[_SignalPair]) -> Alignment | None:
+def _lag(signals: list[_SignalPair], a: Signal | None, b: Signal | None) -> Alignment | None:
+    """Return the best lag of the signals; the attitudes `a` and `b` decide between lags that fit equally well."""
     step_ns, lags, costs = _search(signals)
     if not np.isfinite(costs).any():
         return None
-    best = int(np.nanargmin(costs))
-    usual = float(np.nanmedian(costs))
-    valley = _refined(signals, int(lags[best]), step_ns)
+    best, usual = int(np.nanargmin(costs)), float(np.nanmedian(costs))
+    valley, least = _found(signals, lags, costs, best, step_ns)
+    rivals = _rivals(costs, best, least, usual)
+    if len(rivals) and a is not None and b is not None:
+        left = {at: _angle(a, b.later(-int(lags[at]))) for at in (best, *rivals)}
+        first, second = sorted(left, key=left.__getitem__)[:2]
+        if left[first] < min(_ALIKE, left[second] / _SURELY):
+            best, rivals = first, []
+            valley, least = _found(signals, lags, costs, best, step_ns)
     if not np.isfinite(valley.uncertainty_s):
         return None
-    offset_ns = valley.offset_ns
-    least = _cost(signals, offset_ns)
-    least = float(costs[best]) if least is None else least
-    # Another lag lies beyond the hollow in which the best one lies.
-    level = 0.5 * (least + usual)
-    above = costs > level
-    left = int(np.flatnonzero(above[:best])[-1]) if above[:best].any() else 0
-    right = best + int(np.flatnonzero(above[best:])[0]) if above[best:].any() else len(costs) - 1
-    others = np.concatenate([costs[:left], np.full(right + 1 - left, np.nan), costs[right + 1 :]])
-    rival = None
-    if np.isfinite(others).any() and np.nanmin(others) < max(_TIMES * least, _RIVAL * usual):
-        rival = float(lags[int(np.nanargmin(others))]) / _SECOND
-    return Alignment("lag", offset_ns, _uncertainty(signals, valley, step_ns), rival, min(1.0, least / usual))
+    rival = float(lags[rivals[0]]) / _SECOND if rivals else None
+    uncertainty_s = _uncertainty(signals, valley, step_ns)
+    return Alignment("lag", valley.offset_ns, uncertainty_s, rival, min(1.0, least / usual))
+
+
+def _found(signals: list[_SignalPair], lags: Times, costs: Array, at: int, step_ns: int) -> tuple[_Valley, float]:
+    """Return the valley about a lag of the search, and what its offset leaves."""
+    valley = _refined(signals, int(lags[at]), step_ns)
+    least = _cost(signals, valley.offset_ns)
+    return valley, float(costs[at]) if least is None else least
+
+
+def _rivals(costs: Array, best: int, least: float, usual: float) -> list[int]:
+    """Return the lags that fit about as well as the best, the lowest first, one of each other hollow."""
+    low = np.flatnonzero(costs <= 0.5 * (least + usual))
+    hollows = np.split(low, np.flatnonzero(np.diff(low) > 1) + 1)
+    found = [int(each[costs[each].argmin()]) for each in hollows if len(each) and best not in each]
+    below = max(_TIMES * least, _RIVAL * usual)
+    return sorted((at for at in found if costs[at] < below), key=costs.__getitem__)[:_MOST]
+
+
+def _angle(a: Signal, b: Signal) -> float:
+    """Return the rms angle (rad) between two attitudes of one clock; infinite if they share no time."""
+    times = min(a.time_ns, b.time_ns, key=len)
+    times = times[:: 1 + len(times) // _INSTANTS]
+    (one, known), (other, here) = a.at(times), b.at(times)
+    known &= here
+    squares = np.sum(differences(one[known], other[known]) ** 2, axis=1)
+    return float(np.sqrt(squares.mean())) if known.any() else np.inf
 
 
 def _search(signals: list[_SignalPair]) -> tuple[int, Times, Array]:
@@ -190,14 +246,19 @@ def _search(signals: list[_SignalPair]) -> tuple[int, Times, Array]:
 
 def _cost(signals: list[_SignalPair], offset_ns: int) -> float | None:
     """Return what an offset leaves: mean squared difference relative to the usual one, summed over the signals."""
-    costs = []
-    for each in signals:
-        moved = each.b.later(-offset_ns)
-        coarse, fine = (each.a, moved) if len(each.a.time_ns) <= len(moved.time_ns) else (moved, each.a)
-        values, known = fine.at(coarse.time_ns)
-        if known.any():
-            costs.append(float(np.mean(np.sum((values - coarse.values)[known] ** 2, axis=1))) / each.usual)
+    costs = [
+        float(np.mean(np.sum(rest**2, axis=1))) / each.usual for each in signals if len(rest := _rest(each, offset_ns))
+    ]
     return sum(costs) if costs else None
+
+
+def _rest(pair: _SignalPair, offset_ns: int) -> Array:
+    """Return what remains between the two at an offset, at the samples of the coarser one that both know."""
+    moved = pair.b.later(-offset_ns)
+    coarse, fine = (pair.a, moved) if len(pair.a.time_ns) <= len(moved.time_ns) else (moved, pair.a)
+    values, known = fine.at(coarse.time_ns)
+    rest: Array = (values - coarse.values)[known]
+    return rest
 
 
 class _Valley(NamedTuple):
@@ -300,12 +361,29 @@ def _coinciding(signals: list[_SignalPair], offset_ns: int) -> int:
 
 
 def _uncertainty(signals: list[_SignalPair], valley: _Valley, step_ns: int) -> float:
-    """Return how far the lag may be off, s: as the noise says, or half of what the halves alone differ."""
+    """Return how far the lag may be off, s: as the noise says, the halves alone, or what else differs."""
     halves = [_refined(half, valley.offset_ns, step_ns) for half in _halves(signals, valley.offset_ns)]
     told = len(halves) == 2 and all(np.isfinite(half.uncertainty_s) for half in halves)
     apart = abs(halves[0].offset_ns - halves[1].offset_ns) / _SECOND / 2.0 if told else 0.0
     # Stamps are whole nanoseconds.
-    return max(valley.uncertainty_s, apart, 1e-9)
+    return max(valley.uncertainty_s, apart, _bias(signals, valley, step_ns), 1e-9)
+
+
+def _bias(signals: list[_SignalPair], valley: _Valley, step_ns: int) -> float:
+    """Return how far (s) motions that differ by more than noise and time may have moved the lag, at most.
+
+    What remains moves it by its correlation with the slopes, which is no more than the product of their sizes (Cauchy
+    and Schwarz). Of what remains, noise is the part that is independent of what remains some samples later.
+    """
+    left = 0.0
+    for each in signals:
+        rest = _rest(each, valley.offset_ns)
+        if len(rest) > _LATER:
+            together = float(np.mean(np.sum(rest[_LATER:] * rest[:-_LATER], axis=1)))
+            chance = 2.0 * float(np.mean(np.sum(rest**2, axis=1))) / np.sqrt(len(rest))
+            left += len(rest) * max(0.0, together - chance) / each.usual
+    _, slope = _scores(signals, valley.offset_ns, step_ns, _AROUND * step_ns)
+    return float(np.sqrt(2.0 * left / slope)) if slope > 0.0 else np.inf
 
 
 def _halves(signals: list[_SignalPair], offset_ns: int) -> list[list[_SignalPair]]:

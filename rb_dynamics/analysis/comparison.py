@@ -209,7 +209,6 @@ class Comparison:
             "offset_s": self.alignment.offset_ns / 1e9,
             "offset_ns": self.alignment.offset_ns,
             "offset_uncertainty_s": _finite(self.alignment.uncertainty_s),
-            "offset_rival_s": self.alignment.rival_s,
             "clock": self.clock,
             "samples": self.samples,
             "compared_s": self.compared_s,

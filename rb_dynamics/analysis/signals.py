@@ -20,6 +20,10 @@ from rb_dynamics.numerics.rotation_arrays import (
 
 Mask = NDArray[np.bool_]
 
+# A sample is an outlier if it is so many times the usual step of the samples about it away from all but two of its
+# neighbours on either side.
+_FAR, _NEIGHBOURS, _STEPS = 5.0, 3, 7
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -61,6 +65,27 @@ class Signal:
     def later(self, by_ns: int) -> Signal:
         """Return the same with all times moved."""
         return Signal(self.time_ns + by_ns, self.values, self.broken)
+
+    def without_outliers(self) -> Signal:
+        """Return the samples without those, alone or up to three in a row, that go far away and come back."""
+        count = len(self.time_ns)
+        if count <= 2 * _NEIGHBOURS:
+            return self
+        apart = np.full((count, 2 * _NEIGHBOURS), np.inf)
+        for k in range(1, _NEIGHBOURS + 1):
+            apart[k:, 2 * k - 2] = apart[:-k, 2 * k - 1] = np.linalg.norm(
+                differences(self.values[:-k], self.values[k:]), axis=1
+            )
+        steps = np.pad(apart[1:, 0], _STEPS, mode="reflect")
+        about = np.lib.stride_tricks.sliding_window_view(steps, 2 * _STEPS)
+        # As many steps may lead to outliers.
+        usual = np.partition(about, 10, axis=1)[:, 10]
+        kept = np.partition(apart, 2, axis=1)[:, 2] <= _FAR * usual
+        if kept.all():
+            return self
+        first = np.flatnonzero(kept)
+        lost = np.concatenate([[0], np.cumsum(self.broken)])
+        return Signal(self.time_ns[kept], self.values[kept], np.diff(lost[first]) > 0)
 
     def at(self, time_ns: Times) -> tuple[Array, Mask]:
         """Return the values at `time_ns`, and where they are known: at samples, and between two without a gap.
@@ -169,6 +194,10 @@ class MotionSignals:
     def within(self, begin_ns: float, end_ns: float) -> MotionSignals:
         """Return the samples from `begin_ns` to `end_ns`, both included."""
         return MotionSignals(*(signal and signal.within(begin_ns, end_ns) for signal in vars(self).values()))
+
+    def without_outliers(self) -> MotionSignals:
+        """Return the samples of each quantity without those that go far away and come back."""
+        return MotionSignals(*(signal and signal.without_outliers() for signal in vars(self).values()))
 
 
 def _turned(vectors: Signal | None, attitude: Signal | None, turn: Callable[[Array, Array], Array]) -> Signal | None:

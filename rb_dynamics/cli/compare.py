@@ -5,8 +5,9 @@
   compare SCENE.yaml BAG             the scene, flown under the commands of BAG, against the motion in BAG
   compare BAG --scene SCENE          likewise; with two recordings, --scene gives body and frames of bags without them
 
-Times are aligned by stamps; by the commands, if one was flown from the other; otherwise by the lag that fits best, and
-the output says how far that can be trusted. Values are compared at stamps of both, or interpolated, never across a gap.
+Times are aligned by stamps; by the commands, if one was flown from the other; otherwise by the lag that fits best, with
+its uncertainty, and it is an error if no lag is certain. Values are compared at stamps of both, or interpolated, never
+across a gap.
 
 Exit codes: 0 compared; 1 a difference of attitude, position or velocities is beyond --bound; 2 nothing to compare.
 """

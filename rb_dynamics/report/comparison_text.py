@@ -89,11 +89,7 @@ def alignment_sentence(alignment: Alignment) -> str:
     uncertain = alignment.uncertainty_s
     if uncertain is not None:
         said += f", +- {uncertain:.2g} s" if math.isfinite(uncertain) else ", which nothing confirms"
-    if alignment.remaining is not None and alignment.remaining > 0.25:
-        said += f". DOUBTFUL: {100.0 * alignment.remaining:.0f} % of the usual difference of rates is left"
-    if alignment.rival_s is not None:
-        said += f". DOUBTFUL: {alignment.rival_s:.6f} s fits about as well, as the motion repeats itself"
-    return said + ("; decide with --align" if alignment.doubtful else "")
+    return said
 
 
 def seconds(time_ns: int) -> str:

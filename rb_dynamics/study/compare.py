@@ -60,7 +60,7 @@ def compare(
             where both are one bag.
         align: "start": both motions begin at one time; "stamp": the stamps are of one clock; seconds: B's time less
             A's at one instant. None: the commands, if one was flown from the other; stamps, if the recordings then
-            overlap; otherwise the lag that fits best.
+            overlap; otherwise the lag that fits best, if it is certain.
         bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s): one for all, or
             some by name, as in {"attitude": 0.01, "position": 0.05}.
         start_s: compare from here on, s as in the result.
@@ -74,7 +74,7 @@ def compare(
     Raises:
         TypeError: an argument has the wrong type.
         ValueError: a bound is less than 0, or names no quantity of `MOTION`.
-        LogError: a recording cannot be read, or nothing can be compared.
+        LogError: a recording cannot be read, nothing can be compared, or no lag is certain.
         SceneError: a scene is not valid.
     """
     if isinstance(bound, Mapping) and not bound:
@@ -260,7 +260,14 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     (begin_a, end_a), (begin_b, end_b) = one.span_ns, other.span_ns
     if max(begin_a, begin_b) <= min(end_a, end_b) or flown_ns == 0:
         return Alignment("stamp", 0), [] if flown_ns == 0 else _off_stamps(a.track, b.track, one, other)
-    return best_lag(one, other), []
+    lag = best_lag(one, other)
+    if lag.doubtful:
+        offset = Decimal(lag.offset_ns) / 10**9
+        raise LogError(
+            f"found no lag that is certain: {offset} s (B's time less A's) fits best, but {' and '.join(lag.doubts)}; "
+            f"say how the times belong together: --align {offset}, --align start or --align SECONDS"
+        )
+    return lag, []
 
 
 def _flown_from(a: Track, b: Track) -> int | None:

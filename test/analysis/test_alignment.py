@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from rb_dynamics.analysis.alignment import best_lag
 from rb_dynamics.analysis.signals import MotionSignals, Signal
 from rb_dynamics.errors import LogError
+from rb_dynamics.numerics.rotation_arrays import exponentials, product
 
 GENERATOR = np.random.default_rng(5)
 TIMES = np.arange(600) * 20_000_000
@@ -63,6 +64,54 @@ def test_as_many_lags_of_slow_noisy_motions_lie_within_what_is_said_as_should() 
     assert beyond <= 1
 
 
+def test_an_outlier_of_the_attitude_and_noise_of_poses_do_not_move_the_lag() -> None:
+    """One wrong sample of motion capture moved it by 26 s: the lag was sought at which it is not compared."""
+    generator = np.random.default_rng(13)
+    times = np.arange(6000) * 10_000_000
+    rates = wandering(times).rate
+    assert rates is not None
+    turns = exponentials(np.cumsum(rates.values, axis=0) * 2e-3)
+    noisy = product(turns, exponentials(2e-3 * generator.standard_normal((6000, 3))))
+    offsets = []
+    for wrong in ([], [3500], [100, 2000, 2001, 2002]):
+        seen = noisy.copy()
+        seen[wrong] = product(seen[wrong], exponentials(np.full((len(wrong), 3), 0.5)))
+        attitude = Signal.of(times[::2] + 3_000_000, seen[::2]) if not wrong else Signal.of(times, seen)
+        assert len(attitude.without_outliers().time_ns) == len(attitude.time_ns) - len(wrong)
+        found = best_lag(MotionSignals(attitude=Signal.of(times, turns)), MotionSignals(attitude=attitude))
+        assert not found.doubtful
+        assert found.uncertainty_s is not None
+        assert found.uncertainty_s < 0.1
+        offsets.append(found.offset_ns * 1e-9 / found.uncertainty_s)
+    assert max(map(abs, offsets)) < 1.5
+
+
+def test_what_differs_beside_the_time_is_covered_by_the_uncertainty() -> None:
+    """A body of another inertia: the noise, small, said 0.1 s, and the lag was 0.3 s off."""
+    beyond = 0
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        phases, frequencies = generator.uniform(0.0, 6.0, (2, 3, 7)), generator.uniform(0.2, 3.0, (2, 3, 7))
+        one, other = np.sin(frequencies[:, None] * TIMES[:, None, None] * 1e-9 + phases[:, None]).sum(axis=3)
+        a, b = (MotionSignals(rate=Signal.of(TIMES, rates)) for rates in (one, one + 0.3 * other))
+        found = best_lag(a, b.later(10**9))
+        assert found.uncertainty_s is not None
+        beyond += abs(found.offset_ns - 10**9) * 1e-9 > found.uncertainty_s
+    assert beyond == 0
+
+
+def test_attitudes_decide_between_the_periods_of_a_motion() -> None:
+    """Rates of a tumbling body repeat themselves, and so does not what it has turned by."""
+    motions = []
+    for times in (TIMES, TIMES[::3] + 7_000_000):
+        seconds = times * 1e-9
+        angles = np.stack([0 * seconds, 0 * seconds, seconds - 0.25 * np.cos(2.0 * seconds)], axis=1)
+        motions.append(MotionSignals(attitude=Signal.of(times, exponentials(angles))))
+    found = best_lag(motions[0], motions[1].later(10**9))
+    assert found.rival_s is None
+    assert abs(found.offset_ns - 10**9) < 2_000_000
+
+
 def test_noise_alone_cannot_be_aligned() -> None:
     generator = np.random.default_rng(12)
     one, other = (MotionSignals(rate=Signal.of(TIMES, generator.standard_normal((600, 3)))) for _ in range(2))
@@ -93,8 +142,6 @@ def test_two_motions_of_nothing_in_common_are_doubtful() -> None:
 
 
 def test_attitudes_and_positions_align_where_there_is_no_twist() -> None:
-    from rb_dynamics.numerics.rotation_arrays import exponentials
-
     angles = np.cumsum(wandering(TIMES).rate.values * 0.02, axis=0)  # type: ignore[union-attr]
     vectors = np.column_stack([0.3 * angles[:, 0], np.zeros(600), np.zeros(600)])
     attitude = Signal.of(TIMES, exponentials(vectors))

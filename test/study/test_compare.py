@@ -142,6 +142,17 @@ def test_the_lag_of_a_foreign_bag_is_found_and_with_it_every_bit(log: Path, fold
         rb.compare(log, bag, align="stamp")
 
 
+def test_a_lag_that_is_doubtful_gives_no_result(log: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another motion: differences at the lag that fits best, which was said to be doubtful, passed as results."""
+    run = fly(folder / "unlike.mcap", [], initial__angular_velocity_body=[-1.0, 0.2, 0.7])
+    bag = foreign(folder / "unlike_later.mcap", run, later_ns=LATER)
+    assert main(["compare", str(log), str(bag), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "no lag that is certain" in printed.err
+    assert main(["compare", str(log), str(bag), "--json", "--align", str(LATER / 1e9)]) == 0
+
+
 @pytest.mark.parametrize("align", ["start", LATER / 10**9, "exact"])
 def test_alignment_as_asked(log: Path, folder: Path, align: Any) -> None:
     from decimal import Decimal
