@@ -13,6 +13,10 @@ from rb_dynamics.analysis.track import Array, Times
 _GAP = 1.5
 # With uneven intervals: one or two lost messages are no gap.
 _FAR = 5.0
+# A stream has at least so many samples; of its intervals but for a few, 99 in 100 are at most so many times the usual.
+_STREAM, _FEW, _EVEN = 100, 3, 5.0
+# It is silent if it pauses for so many of its usual intervals and so many seconds, for at most this part of its time.
+LONG_INTERVALS, LONG_S, _PART = 10.0, 1.0, 0.2
 # Number of gaps listed individually.
 NAMED = 5
 
@@ -40,6 +44,20 @@ def longest_usual(time_ns: Times | Array) -> float:
     if usual > 0.0 and float((np.abs(steps - usual) <= 0.01 * usual).mean()) >= 0.9:
         return _GAP * usual
     return max(_FAR * usual, usual + 10.0 * (long - usual))
+
+
+def silences(time_ns: Times) -> NDArray[np.intp]:
+    """Return the index of the last sample before each pause of a stream that is otherwise steady.
+
+    Empty for samples that are sparse, or that come in bursts: their pauses are meant.
+    """
+    steps = np.diff(time_ns)
+    if len(steps) < _STREAM:
+        return np.empty(0, np.intp)
+    usual = float(np.median(steps))
+    at = np.flatnonzero(steps > max(LONG_INTERVALS * usual, LONG_S * 1e9))
+    even = float(np.quantile(np.delete(steps, at), 0.99)) <= _EVEN * usual
+    return at if even and len(at) <= _FEW and steps[at].sum() <= _PART * steps.sum() else at[:0]
 
 
 def told(time_ns: Times, start_ns: int) -> str:

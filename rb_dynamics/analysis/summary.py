@@ -19,6 +19,7 @@ from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, mis
 from rb_dynamics.analysis.clocks import log_time_of_start
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
+from rb_dynamics.analysis.gaps import silences
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
 from rb_dynamics.analysis.onboard import Onboard, onboard
 from rb_dynamics.analysis.read_track import mean_rate
@@ -436,7 +437,17 @@ def _channel(
         held_s=_held_at_the_end(track, steps.without(track.bag.missing), at),
         largest_force=_largest(steps.force, steps),
         largest_torque=_largest(steps.torque, steps),
+        silences=() if source is None else _silences(track, source),
     )
+
+
+def _silences(track: Track, source: Topic) -> tuple[tuple[float, float], ...]:
+    """Return when and for how long (s) a steady stream of commands paused, other than after a zero."""
+    times = source.log_times if track.own or not source.stamps_given else source.stamps
+    order = np.argsort(times, kind="stable")
+    times, sent = times[order], source.numbers[order]
+    at = track.seconds(times)
+    return tuple((float(at[k]), float(at[k + 1] - at[k])) for k in silences(times) if sent[k].any())
 
 
 def _largest(vectors: Array, steps: RecordedWrench) -> float | None:

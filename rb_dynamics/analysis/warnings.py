@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from rb_dynamics.analysis.checks import cut, missing
 from rb_dynamics.analysis.clocks import remarks
-from rb_dynamics.analysis.gaps import gaps
+from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, gaps, listed
 from rb_dynamics.analysis.track import Track, frame_names
 
 # At least this many commands count as regular; with fewer, the last may be meant to be held.
 _REGULAR = 5
-# The last of regular commands is held too long after this many usual intervals, and this many seconds.
-_LONG_GAPS, _LONG_S = 10.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,7 @@ class ChannelHistory:
         held_s: how long the last command was held until the end of the run; 0 if nothing acts then.
         largest_force: N.
         largest_torque: N m.
+        silences: when commands of a steady stream stopped for a while, their last one not zero, and for how long, s.
     """
 
     topic: str
@@ -57,6 +56,7 @@ class ChannelHistory:
     held_s: float | None
     largest_force: float | None
     largest_torque: float | None
+    silences: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,12 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
             least = "at least " if track.bag.missing else ""
             first = "" if channel.timed_out_s is None else f", first at t = {channel.timed_out_s:.6g} s"
             found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{first}.")
+        if channel.silences and not channel.timeouts:
+            when = listed([f"for {length:.6g} s from t = {at:.6g} s" for at, length in channel.silences], 0)
+            found.append(
+                f"{channel.topic} received no commands {when}, its last one held; otherwise they came every "
+                f"{channel.usual_s:.3g} s."
+            )
         if _fell_silent(channel):
             found.append(
                 f"{channel.topic} received no more commands: the last one, at t = {channel.last_s:.6g} s, was held for "
@@ -122,4 +128,4 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
 def _fell_silent(channel: ChannelHistory) -> bool:
     if channel.usual_s is None or channel.held_s is None or (channel.received or 0) < _REGULAR:
         return False
-    return channel.held_s > max(_LONG_GAPS * channel.usual_s, _LONG_S)
+    return channel.held_s > max(LONG_INTERVALS * channel.usual_s, LONG_S)

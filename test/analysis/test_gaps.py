@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bag_rows import add
+from bag_rows import STAMPED, add, stamped
 from tumbling import bag_of, failing, spin, summary_of
 
-from rb_dynamics.analysis.gaps import told
+from rb_dynamics.analysis.gaps import silences, told
 from rb_dynamics.formats.topic import Topic
 
 STEP = 10_000_000
@@ -71,3 +71,34 @@ def test_every_topic_says_what_it_is_used_for_or_why_it_is_not() -> None:
         "/temperature": "(other name)",
         "/w": "wrench",
     }
+
+
+def commanded(time_ns: np.ndarray, last: float = 1.0) -> list[str]:
+    """Return what is said of commands at these times, `last` before the first pause."""
+    bag = bag_of(spin())
+    bag.topics["/thrust"] = Topic("/thrust", STAMPED)
+    pause = int(np.diff(time_ns).argmax())
+    for k, at in enumerate(time_ns.tolist()):
+        add(bag.topics["/thrust"], at, stamped(at, last if k == pause else 1.0))
+    return [each for each in summary_of(bag).warnings if "received no commands" in each]
+
+
+def test_a_pause_of_a_steady_stream_of_commands_is_warned_of() -> None:
+    times = spin(stamps="jitter").time_ns
+    (said,) = commanded(times[(times < 4_000_000_000) | (times > 5_500_000_000)])
+    assert said.startswith("/thrust received no commands for 1.5")
+    assert " s from t = 3.98" in said
+
+
+def test_pauses_of_sparse_commands_and_of_bursts_are_meant() -> None:
+    generator = np.random.default_rng(4)
+    stream = spin().time_ns
+    assert not commanded(stream[(stream < 4 * 10**9) | (stream > 5.5 * 10**9)], last=0.0)
+    for times in (
+        np.cumsum(generator.exponential(2e9, 400)).astype(np.int64),
+        np.concatenate([stream[:300] + k * 5 * 10**9 for k in range(5)]),
+        np.concatenate([stream[:300], stream[:300] + 8 * 10**9]),
+        np.concatenate([stream[:50], stream[:20] + 8 * 10**9]),
+    ):
+        assert not len(silences(times))
+        assert not commanded(times)
