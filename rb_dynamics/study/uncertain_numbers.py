@@ -79,7 +79,7 @@ def _given(uncertain: Uncertain, source: str, scene: Scene) -> UncertainNumbers:
     if not isinstance(found, Mapping) or not found:
         raise SceneError(f"{source}: found {shown(found)}, expected standard deviations by name, such as mass: 0.1")
     if isinstance(found.get("parameters"), list):
-        return _of_fit(found, source)
+        return _of_fit(found, source, scene)
     names: list[str] = []
     sigmas: list[float] = []
     for name, value in found.items():
@@ -142,18 +142,22 @@ def _axes(name: str, scene: Scene) -> tuple[str, ...] | None:
     if match is None or int(match[1]) >= len(scene.effects):
         return None
     effect: Any = scene.effects[int(match[1])]
+    parts: tuple[str, ...] = effect.keys
     if match[2] is not None:
         entries = effect.entries if isinstance(effect, ScheduledWrench) else ()
         effect = entries[int(match[2])][1] if int(match[2]) < len(entries) else None
-    value = getattr(effect, match[3], None)
-    return None if value is None else tuple("xyz") if isinstance(value, tuple) and len(value) == 3 else ("",)
+        parts = ("force", "torque")
+    value = getattr(effect, match[3], None) if match[3] in parts else None
+    if not isinstance(value, (int, float, tuple)):
+        return None
+    return tuple("xyz") if isinstance(value, tuple) and len(value) == 3 else ("",)
 
 
-def _of_fit(found: Mapping[str, Any], source: str) -> UncertainNumbers:
+def _of_fit(found: Mapping[str, Any], source: str, scene: Scene) -> UncertainNumbers:
     """Return the numbers of a fit that change a motion.
 
     Raises:
-        SceneError: it is not what `identify --json` prints.
+        SceneError: it is not what `identify --json` prints, or of a scene with other effects.
     """
     try:
         parameters = [(str(p["name"]), bool(p["known"]), p["standard_error"]) for p in found["parameters"]]
@@ -180,5 +184,11 @@ def _of_fit(found: Mapping[str, Any], source: str) -> UncertainNumbers:
     kept = [k for k, name in enumerate(names) if name.startswith(moving)]
     known = [k for k in kept if parameters[k][1]]
     unknown = [names[k].replace("inertia.xx", "inertia") for k in kept if k not in known]
+    for name in (name for name in names if name.startswith("effects[")):
+        if _axes(name, scene) is None and _axes(name.rpartition(".")[0], scene) is None:
+            raise SceneError(
+                f"{source}: found {name} in the fit, expected numbers of the effects of the scene; simulate the scene "
+                "that identify wrote with --out"
+            )
     part = (scale[:, None] * matrix * scale)[np.ix_(known, known)]
     return UncertainNumbers(tuple(names[k] for k in known), part, tuple(unknown))

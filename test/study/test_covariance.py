@@ -27,6 +27,10 @@ initial: {angular_velocity_body: [0.9, 0.2, -0.4], linear_velocity_world: [0.3, 
 effects:
   - {type: uniform_gravity, acceleration_world: [0, 0.3, -9.8]}
   - {type: linear_drag, rotation: [0.1, 0.2, 0.3], translation: [0.3, 0.2, 0.1]}
+  - type: scheduled_wrench
+    frame_id: jet
+    schedule: [{time: 0, torque: [0.1, 0, 0.2]}, {time: 0.35, force: [0.5, 0, 0.2]}, {time: 0.8}]
+  - {type: scheduled_wrench, frame_id: world, schedule: [{time: 0.1, force: [0, 0.4, 0], torque: [0.2, 0, 0]}]}
 wrenches: [{topic: push, timeout: 0.5}, {topic: turn}]
 solver: {method: rkmk4, step: 0.02}
 duration: 1.0
@@ -79,6 +83,10 @@ def changed(name: str, by: float) -> tuple[dict[str, object], float]:
         "effects[1].rotation": (0.1, 0.2, 0.3),
         "effects[1].translation": (0.3, 0.2, 0.1),
         "effects[0].acceleration_world": (0.0, 0.3, -9.8),
+        "effects[2].schedule[0].torque": (0.1, 0.0, 0.2),
+        "effects[2].schedule[1].force": (0.5, 0.0, 0.2),
+        "effects[2].schedule[2].force": (0.0, 0.0, 0.0),
+        "effects[3].schedule[0].torque": (0.2, 0.0, 0.0),
     }[whole]
     moved_values = [v + (by if n == k else 0.0) for n, v in enumerate(values)]
     return {"body.center_of_mass" if whole == "center_of_mass" else whole: moved_values}, 1.0
@@ -90,7 +98,8 @@ def changed(name: str, by: float) -> tuple[dict[str, object], float]:
         "mass", "center_of_mass.x", "center_of_mass.z", "inertia.xx", "inertia.zz", "inertia.xy", "inertia.yz",
         "initial.orientation.y", "initial.angular_velocity_body.z", "initial.position_world.x",
         "initial.linear_velocity_world.y", "effects[1].rotation.y", "effects[1].translation.x",
-        "effects[0].acceleration_world.z", "wrench_scale.push",
+        "effects[0].acceleration_world.z", "effects[2].schedule[0].torque.z", "effects[2].schedule[1].force.x",
+        "effects[2].schedule[2].force.y", "effects[3].schedule[0].torque.x", "wrench_scale.push",
     ],
 )  # fmt: skip
 def test_of_each_number_alone_it_is_the_difference_of_flights(log: Path, name: str) -> None:
@@ -203,6 +212,18 @@ def test_a_fit_goes_on_as_an_uncertainty(tmp_path: Path) -> None:
     assert anew.matrices[0, 3:6, 3:6] == pytest.approx(1e-4 * np.eye(3))
 
 
+def test_a_torque_that_a_fit_found_is_uncertain_where_the_scene_has_it(log: Path, tmp_path: Path) -> None:
+    names = [f"effects[2].schedule[0].torque.{k}" for k in "xyz"]
+    found = rb.covariance(log, fit(tmp_path / "fit.json", names, 1e-6 * np.eye(3)))
+    anew = rb.covariance(log, {"effects[2].schedule[0].torque": 1e-3})
+    assert found.names == anew.names == tuple(names)
+    assert found.matrices == pytest.approx(anew.matrices)
+    assert found.deviations("angular_velocity_body")[-1].min() > 1e-5
+    lacks = fit(tmp_path / "lacks.json", ["effects[4].schedule[0].torque.x"], 1e-6 * np.eye(1))
+    with pytest.raises(rb.SceneError, match="simulate the scene that identify wrote with --out"):
+        rb.covariance(log, lacks)
+
+
 def test_ratios_of_a_fit_without_torque_are_used_and_the_rest_is_called_exact(log: Path, tmp_path: Path) -> None:
     axes = ("xx", "yy", "zz", "xy", "xz", "yz")
     names = ["mass", *(f"inertia.{k}" for k in axes), *(f"inertia_ratios.{k}" for k in axes), "gyro_bias.imu.x"]
@@ -220,6 +241,9 @@ def test_ratios_of_a_fit_without_torque_are_used_and_the_rest_is_called_exact(lo
     [
         ("inertia.yx=1", "found 'inertia.yx', expected one of initial.orientation"),
         ("effects[7].rotation=1", "found 'effects[7].rotation'"),
+        ("effects[2].schedule[3].torque=1", "found 'effects[2].schedule[3].torque'"),
+        ("effects[2].schedule=1", "found 'effects[2].schedule'"),
+        ("effects[2].kind=1", "found 'effects[2].kind'"),
         ("mass=-1", "mass: found -1.0, expected a standard deviation, 0 or more"),
         ("inertia=[1, 2]", "or a list of 6 (xx, yy, zz, xy, xz, yz)"),
         ("mass=0", "found nothing uncertain"),

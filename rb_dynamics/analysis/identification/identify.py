@@ -306,8 +306,13 @@ def _of_parts(part: Sequence[Omission]) -> list[str]:
     """Return what a person should know of what explains a part of what a fit leaves."""
     return [
         f"{each.what} of about ({', '.join(f'{v:.3g}' for v in each.value)}) {each.unit}".rstrip()
-        + f" that nobody told of would explain a part of the residuals, not all, and move numbers of the body by up to "
-        f"{each.shift:.2g} standard errors: intervals are so wide that they hold that, too"
+        + " that nobody told of would explain a part of the residuals, not all"
+        + (
+            f", and move numbers of the body by up to {each.shift:.2g} standard errors: intervals are so wide that "
+            "they hold that, too"
+            if np.isfinite(each.shift)
+            else ""
+        )
         for each in part
     ]
 
@@ -323,8 +328,13 @@ def _of_omissions(found: Sequence[Omission]) -> list[str]:
         notes.append(
             f"{each.what} of ({values}) ± ({errors}) {each.unit}".rstrip()
             + f" that nobody told of explains the residuals: it is fitted, too, as {', '.join(each.names)}. Without it "
-            f"numbers of the body would be up to {each.shift:.2g} standard errors elsewhere. It may be something else "
-            f"that looks like it, so that all intervals are doubled; if you know that it is there, write {remedy}"
+            + (
+                f"numbers of the body would be up to {each.shift:.2g} standard errors elsewhere. "
+                if np.isfinite(each.shift)
+                else "nothing would be known of the body. "
+            )
+            + "It may be something else that looks like it, so that all intervals are doubled; if you know that it is "
+            f"there, write {remedy}"
         )
     return notes
 
@@ -440,14 +450,11 @@ class _Report:
     def shift(self, step: Array) -> float:
         """Return by how many of its standard errors a step moves that number of the body which it moves most.
 
-        Of what `identification` has told.
+        Of what `identification` has told; infinite if that is nothing of the body.
         """
-        moved = [
-            abs(float(by @ step)) / each.standard_error
-            for each, by in zip(self.told, self.changes, strict=True)
-            if each.standard_error and _of_body(each.name)
-        ]
-        return max(moved, default=0.0)
+        numbers = [(p.standard_error, by) for p, by in zip(self.told, self.changes, strict=True) if _of_body(p.name)]
+        moved = [abs(float(by @ step)) / error for error, by in numbers if error]
+        return max(moved, default=np.inf if numbers else 0.0)
 
     def settled(self, trial: Trial) -> Trial:
         """Return what was tried and is fitted now, with the values and errors of the fit."""

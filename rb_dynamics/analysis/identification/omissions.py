@@ -53,7 +53,8 @@ class Omission:
         standard_error: of each.
         unit: of all.
         chance: that a flight without it looks like this, times the number of those that were tried.
-        shift: by how many of its standard errors it moves that number of the body which it moves most.
+        shift: by how many of its standard errors it moves that number of the body which it moves most; infinite if
+            without it nothing is known of the body.
         found: whether it is so sure that the fit has it, too.
         entry: for the effects of a scene; None for an error of sensors.
     """
@@ -77,7 +78,7 @@ class Omission:
             "standard_error": list(self.standard_error),
             "unit": self.unit,
             "chance": self.chance,
-            "shift": self.shift,
+            "shift": self.shift if np.isfinite(self.shift) else None,
             "found": self.found,
             "effect": self.entry,
         }

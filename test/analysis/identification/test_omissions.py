@@ -60,6 +60,17 @@ def test_a_constant_torque_that_hides_in_the_noise_is_found_and_named() -> None:
     assert (plain.standard_error or 0.0) < 0.7 * (doubled.standard_error or 0.0)
 
 
+def test_without_a_torque_that_is_as_large_as_those_commanded_nothing_is_known() -> None:
+    """It was said that without it numbers would be 0 standard errors elsewhere."""
+    body, flight = flight_of(3, unrecorded=12.0 * TORQUE)
+
+    found = identify(guess(body), [flight], ["inertia", "mass"])
+
+    assert found.omissions[0].found
+    assert found.as_dict()["omissions"][0]["shift"] is None
+    assert "Without it nothing would be known of the body" in found.notes[0]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_in_a_flight_of_which_all_is_told_nothing_is_found(seed: int) -> None:
     body, flight = flight_of(seed, bias=0.01)
