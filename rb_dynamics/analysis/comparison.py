@@ -84,6 +84,18 @@ class Difference:
         return float(self.size.max())
 
     @property
+    def compared_s(self) -> float:
+        """The time that both cover without a gap."""
+        begin, end = int(self.time_ns[0]), int(self.time_ns[-1])
+        holes = [
+            (max(first, begin), min(last, end))
+            for side in self.recorded
+            for first, last in side.holes()
+            if first < end and last > begin
+        ]
+        return (end - begin - sum(last - first for first, last in _joined(holes))) / 1e9
+
+    @property
     def rms(self) -> float:
         """Root of the mean square over the samples."""
         largest = self.max
@@ -138,6 +150,7 @@ class Comparison:
         clock: what that is, in words.
         differences: by name; a quantity that one of the two does not have is missing.
         compared_s: time that both cover without a gap.
+        length_s: time that the longer of the two covers, within what was asked for.
         not_compared: what was not compared, one sentence each.
         commands: channels whose commands differ; None if one of the two does not tell.
         body: mass properties that differ: name, value of A, value of B; None if one of the two does not tell.
@@ -145,6 +158,7 @@ class Comparison:
         notes: what a reader should know, one sentence each.
         bound: largest difference accepted in each quantity of the motion, or in those that it names; None: nothing is
             judged.
+        least_share: least part of the longer one that is to be compared.
     """
 
     a: Side
@@ -154,12 +168,21 @@ class Comparison:
     clock: str
     differences: Mapping[str, Difference]
     compared_s: float
+    length_s: float
     not_compared: Sequence[str]
     commands: Sequence[CommandDifference] | None
     body: Sequence[tuple[str, Any, Any]] | None
     run: Sequence[tuple[str, Any, Any]]
     notes: Sequence[str]
     bound: Bound | None = None
+    least_share: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """The part of the longer one, 0 to 1, over which each quantity that is judged is compared; or the motion."""
+        judged = [each for name in self.limits or MOTION if (each := self.differences.get(name)) is not None]
+        least = min((each.compared_s for each in judged), default=0.0)
+        return least / self.length_s if least < self.length_s else 1.0
 
     @property
     def samples(self) -> int:
@@ -187,8 +210,8 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether every quantity that has a bound is known to be within it."""
-        return not self.beyond
+        """Whether every quantity that has a bound is known to be within it, over as much of the time as was asked."""
+        return not self.beyond and self.share >= self.least_share
 
     def seconds(self, time_ns: Times | int) -> Any:
         """Return times of A's clock as s in the output; the difference is computed in integers."""
@@ -212,6 +235,7 @@ class Comparison:
             "clock": self.clock,
             "samples": self.samples,
             "compared_s": self.compared_s,
+            "compared_share": self.share,
             "not_compared": list(self.not_compared),
         }
         for name, unit in UNITS.items():
@@ -234,6 +258,7 @@ class Comparison:
             "run": [_named(*each) for each in self.run],
             "notes": list(self.notes),
             "bound": self.bound,
+            "least_share": self.least_share,
             "passed": self.passed,
         }
 
@@ -327,6 +352,7 @@ def compare_tracks(
     bound: Bound | None = None,
     window_s: tuple[float | None, float | None] = (None, None),
     more: Sequence[str] = (),
+    least_share: float = 0.0,
 ) -> Comparison:
     """Return how two flights differ whose times belong together as `alignment` says.
 
@@ -337,6 +363,7 @@ def compare_tracks(
         bound: largest difference accepted in each quantity of the motion, or in those that it names.
         window_s: first and last time to compare, as in the output; None: all.
         more: notes to add.
+        least_share: least part of the longer one that is to be compared, 0 to 1.
 
     Raises:
         LogError: there is nothing to compare at any time.
@@ -348,7 +375,7 @@ def compare_tracks(
     cut_one, cut_other = (motion.within(begin_ns, end_ns) for motion in (one, other))
     found = differences_of_motion(cut_one, cut_other)
     if not found:
-        raise LogError(_nothing(a, b, one, other, zero_ns, window_s))
+        raise LogError(_nothing(a, b, one, other, alignment, zero_ns, window_s))
     found |= {
         name: each
         for name in ("angular_momentum", "linear_momentum", "kinetic_energy")
@@ -370,12 +397,14 @@ def compare_tracks(
         clock=clock,
         differences=found,
         compared_s=compared_s,
+        length_s=max((last - first) / 1e9 for first, last in (motion.span_ns for motion in (cut_one, cut_other))),
         not_compared=left_out,
         commands=commands,
         body=_bodies(a.track.body, b.track.body),
         run=_runs(a.track, b.track),
         notes=[*_frames(a.track, b.track), *_constants(found), *unequal, *_unknown_body(a, b), *more],
         bound=bound,
+        least_share=least_share,
     )
 
 
@@ -399,16 +428,34 @@ def _nothing(
     b: Given,
     one: MotionSignals,
     other: MotionSignals,
+    alignment: Alignment,
     zero_ns: int,
     window_s: tuple[float | None, float | None],
 ) -> str:
-    spans = [f"from {first:.6g} to {last:.6g} s" for first, last in (_span_s(m, zero_ns) for m in (one, other))]
-    within = "" if window_s == (None, None) else ", or --from and --to leave nothing"
+    """Return why nothing is compared: no time in common, none within the window, or no quantity."""
+    spans = [_span_s(motion, zero_ns) for motion in (one, other)]
+    begin, end = max(first for first, _ in spans), min(last for _, last in spans)
+    by = {"stamp": "by their stamps, ", "seconds": "aligned as asked, "}.get(alignment.by, "")
+    a_goes, b_goes = (f"from {_told(first)} to {_told(last)} s" for first, last in spans)
+    found = f"nothing to compare: {by}{a.path} goes {a_goes} and {b.path} {b_goes}"
+    if begin > end:
+        clocks = ", for one is in simulation time" if alignment.by == "stamp" and a.track.own != b.track.own else ""
+        left_out = "leave out --align for the lag that fits best, or " if by else ""
+        return (
+            f"{found}{clocks}, expected a time that both have; {left_out}say how they belong together with --align "
+            "start or --align SECONDS, B's time less A's"
+        )
+    if window_s != (None, None):
+        return f"{found}, expected --from and --to within both; give them from {_told(begin)} to {_told(end)}"
     return (
-        f"nothing to compare: {a.path} goes {spans[0]} and {b.path} {spans[1]} of the same clock, expected quantities "
-        f"that both have at times that both have{within}; say how they belong together with --align start or --align "
-        "SECONDS"
+        f"{found}, expected a quantity that both have, one of {', '.join(MOTION)}; name topics with --pose-topic and "
+        "--twist-topic"
     )
+
+
+def _told(seconds: float) -> str:
+    """Return a time (s) with its digits down to microseconds."""
+    return f"{seconds:.6f}".rstrip("0").rstrip(".")
 
 
 def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[float, float]) -> Difference | None:

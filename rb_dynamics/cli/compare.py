@@ -9,7 +9,8 @@ Times are aligned by stamps; by the commands, if one was flown from the other; o
 its uncertainty, and it is an error if no lag is certain. Values are compared at stamps of both, or interpolated, never
 across a gap.
 
-Exit codes: 0 compared; 1 a difference of attitude, position or velocities is beyond --bound; 2 nothing to compare.
+Exit codes: 0 compared; 1 a difference of attitude, position or velocities is beyond --bound, or less than --share of
+the time is compared; 2 nothing to compare.
 """
 
 from __future__ import annotations
@@ -39,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--bound", type=_bound, metavar="X|NAME=X,...",
         help="largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s); or of some of "
         "them, as in attitude=0.01,position=0.05 (also angular_velocity, linear_velocity)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share", type=real("a number from 0 to 1", lambda v: 0.0 <= v <= 1.0), default=0.0, metavar="X",
+        help="least part, 0 to 1, of the longer of the two, within --from and --to, that is to be compared",
     )  # fmt: skip
     add_window(parser, "compare")
     add_start_and_topics(parser, "of a scene that is flown: ")
@@ -74,7 +79,7 @@ def _accepts(bound: float) -> bool:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare and print; exit code 0, or 1 beyond the bound."""
+    """Compare and print; exit code 0, or 1 beyond the bound or below the share."""
     import json
     from pathlib import Path
 
@@ -95,6 +100,7 @@ def run(args: argparse.Namespace) -> int:
         scene=args.scene,
         align=args.align,
         bound=args.bound,
+        share=args.share,
         start_s=args.from_s,
         end_s=args.to_s,
         wrench_start="auto" if args.wrench_start is None else args.wrench_start,

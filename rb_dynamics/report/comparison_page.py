@@ -29,7 +29,7 @@ def comparison_report(found: Comparison) -> Report:
     """Return the page about a comparison."""
     names = [os.path.basename(side.path) for side in (found.a, found.b)]
     lead = (
-        f"A: {names[0]}, B: {names[1]}, {found.samples} samples over {found.compared_s:.6g} s; "
+        f"A: {names[0]}, B: {names[1]}, {found.samples} samples over {found.compared_s:.6g} s{text.part(found)}; "
         f"{text.alignment_sentence(found.alignment)}. {text.verdict(found).capitalize()}."
     )
     sections = [

@@ -10,6 +10,9 @@ from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.comparison import MOTION, PARTS, UNITS, Comparison, Difference, Side
 from rb_dynamics.report.html import printable
 
+# Of the longer one: the first and last samples of two recordings are never at one time.
+_ALL = 0.99
+
 
 def as_text(found: Comparison) -> str:
     """Return the comparison as text."""
@@ -18,7 +21,7 @@ def as_text(found: Comparison) -> str:
         f"B         {_side(found.b)}",
         f"times     {alignment_sentence(found.alignment)}",
         f"          t is {found.clock}",
-        f"compared  {found.samples} samples of the motion, {found.compared_s:.9g} s",
+        f"compared  {found.samples} samples of the motion, {found.compared_s:.9g} s{part(found)}",
         *(f"not       {part}" for part in found.not_compared),
         "",
         _row("difference", ("largest", "at t (s)", "rms", "")),
@@ -35,6 +38,11 @@ def as_text(found: Comparison) -> str:
     lines += [f"note      {note}" for note in found.notes]
     lines.append(f"result    {verdict(found)}")
     return printable("\n".join(lines))
+
+
+def part(found: Comparison) -> str:
+    """Return which part of the longer one is compared, in words; "" for all of it."""
+    return "" if found.share >= _ALL else f", {100.0 * found.share:.3g} % of the longer one"
 
 
 def label(name: str) -> str:
@@ -146,10 +154,14 @@ def verdict(found: Comparison) -> str:
     else:
         bits = f"the motions differ from t = {found.seconds(first):.9g} s on"
     limits = found.limits
+    if found.share < found.least_share:
+        bits += (
+            f"; ONLY {100.0 * found.share:.3g} % of the longer one compared, asked {100.0 * found.least_share:.3g} %"
+        )
     if not limits:
         return bits
-    if found.passed:
-        return f"{bits}; {_each(limits)} within {_most(found)}"
+    if not found.beyond:
+        return f"{bits}; {_each(limits)} within {_most(found)}{part(found).replace(',', ' over', 1)}"
     beyond = [name for name in found.beyond if name in found.differences]
     missing = _each(name for name in found.beyond if name not in found.differences)
     judged = f"; BEYOND {_most(found)}: {_each(beyond)}" if beyond else ""

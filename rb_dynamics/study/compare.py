@@ -45,6 +45,7 @@ def compare(
     scene: Source | None = None,
     align: Align = None,
     bound: Bound | None = None,
+    share: float = 0.0,
     start_s: float | None = None,
     end_s: float | None = None,
     wrench_start: Start = "auto",
@@ -63,6 +64,8 @@ def compare(
             overlap; otherwise the lag that fits best, if it is certain.
         bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s): one for all, or
             some by name, as in {"attitude": 0.01, "position": 0.05}.
+        share: least part, 0 to 1, of the longer of the two, between `start_s` and `end_s`, over which each quantity
+            that has a bound is to be compared.
         start_s: compare from here on, s as in the result.
         end_s: compare up to here.
         wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
@@ -73,7 +76,7 @@ def compare(
 
     Raises:
         TypeError: an argument has the wrong type.
-        ValueError: a bound is less than 0, or names no quantity of `MOTION`.
+        ValueError: a bound is less than 0, or names no quantity of `MOTION`; the share is not from 0 to 1.
         LogError: a recording cannot be read, nothing can be compared, or no lag is certain.
         SceneError: a scene is not valid.
     """
@@ -84,6 +87,7 @@ def compare(
             raise ValueError(f"bound names {shown(name)}, expected {' or '.join(MOTION)}; name one of these")
         if most is not None:
             number(most, "bound", "a finite number, 0 or more", least=0.0)
+    number(share, "share", "a number from 0 to 1", least=0.0, most=1.0)
     if b is None:
         if scene is None:
             raise LogError(f"found one flight, {a}, expected two; name another, or a scene to fly with --scene SCENE")
@@ -96,7 +100,7 @@ def compare(
     flight = _Flights(a, b, scene, wrench_start, mapping or {}, topics)
     one, other = flight.both()
     alignment, notes = _aligned(one, other, flight.offset_ns, align)
-    return compare_tracks(one, other, alignment, bound, (start_s, end_s), [*flight.notes, *notes])
+    return compare_tracks(one, other, alignment, bound, (start_s, end_s), [*flight.notes, *notes], share)
 
 
 def _is_scene(source: Source) -> bool:

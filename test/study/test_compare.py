@@ -138,8 +138,12 @@ def test_the_lag_of_a_foreign_bag_is_found_and_with_it_every_bit(log: Path, fold
     assert {note.split(" ", 1)[0] for note in told["notes"]} == {"Commands", "Mass"}
     # Back again the same, and without a choice nothing else would fit.
     assert rb.compare(bag, log).alignment.offset_ns == -LATER
-    with pytest.raises(rb.LogError, match="nothing to compare"):
+    with pytest.raises(
+        rb.LogError, match=r"goes from 0 to 4 s and .* from 1700000000.123457 to .*simulation time.*leave out --align"
+    ):
         rb.compare(log, bag, align="stamp")
+    with pytest.raises(rb.LogError, match="expected --from and --to within both; give them from 0 to 4"):
+        rb.compare(log, bag, start_s=7.0)
 
 
 def test_a_lag_that_is_doubtful_gives_no_result(log: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -211,6 +215,27 @@ def test_unequal_lengths_are_said(log: Path, folder: Path) -> None:
     windowed = rb.compare(log, longer, start_s=1.0, end_s=2.0)
     assert windowed.samples == 51
     assert windowed.as_dict()["first_difference_s"] == found.as_dict()["first_difference_s"] or windowed.first_ns
+
+
+def test_a_regression_check_asks_for_the_share_that_is_compared(
+    log: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run that stopped after a twentieth of the time was within every bound."""
+    short = fly(folder / "short.mcap", duration=1.0)
+    line = ["compare", str(log), str(short), "--bound", "1e-9"]
+    assert main(line) == 0
+    assert "within 1e-09 over 25 % of the longer one" in capsys.readouterr().out
+    assert main([*line, "--share", "0.3"]) == 1
+    assert "ONLY 25 % of the longer one compared, asked 30 %" in capsys.readouterr().out
+    for more in (["--share", "0.24"], ["--share", "1", "--to", "1"]):
+        assert main([*line, *more]) == 0
+    # Of each quantity that is judged, gaps apart.
+    bag = foreign(folder / "share.mcap", log, without=[(1.0, 3.0)])
+    for share, code in ((0.5, 0), (0.6, 1)):
+        assert rb.compare(log, bag, align="stamp", share=share).passed is (code == 0)
+    assert rb.compare(log, bag, align="stamp").as_dict()["compared_share"] == 0.5
+    with pytest.raises(ValueError, match="share"):
+        rb.compare(log, short, share=1.1)
 
 
 def test_other_output_rates_are_compared_at_common_stamps(log: Path, folder: Path) -> None:
@@ -434,6 +459,8 @@ def test_a_bound_of_what_is_not_in_both_fails(log: Path, folder: Path) -> None:
     found = rb.compare(log, rates, bound={"angular_velocity": 1e-9, "position": 1.0})
     assert found.beyond == ("position",)
     assert rb.compare(log, rates, bound={"angular_velocity": 1e-9}).passed
+    with pytest.raises(rb.LogError, match="expected a quantity that both have"):
+        rb.compare(foreign(folder / "poses_alone.mcap", log, twist=False), rates)
 
 
 def test_the_command_prints_json_text_page_and_recording(
