@@ -81,7 +81,7 @@ def cut(track: Track) -> str:
     """Return when a recording was cut off, and how long the run should have been; "" if it is complete."""
     if track.bag.ended:
         return ""
-    start, end = track.span_ns
+    start, (_, end) = track.zero_ns, track.span_ns
     scene = logged_scene(track.bag.attachments)
     of = "" if scene is None or scene.duration is None else f" of {scene.duration - start * 1e-9:.9g}"
     lacks = f" (the next file, {track.bag.next_file}, is missing)" if track.bag.next_file else ""
@@ -90,8 +90,8 @@ def cut(track: Track) -> str:
 
 def missing(track: Track) -> str:
     """Return which pieces of a recording are missing before its end; "" if none are known to be."""
-    start, _ = track.span_ns
-    times = [f"from t = {(a - start) * 1e-9:.6g} to {(b - start) * 1e-9:.6g} s" for a, b in track.bag.missing]
+    start, zero = track.span_ns[0], track.zero_ns
+    times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in track.bag.missing]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
     # A run begins at 0; a later file of a bag, alone, does not.
@@ -117,7 +117,7 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         return Check(name, False, f"{of} have a number that is not finite or too large")
     if lost:
         return _unread(lost[0])
-    begin, _ = track.span_ns
+    begin = track.zero_ns
     if faults := series.faults(begin):
         return Check(name, False, "; ".join(faults))
     steps = np.diff(series.time_ns)
@@ -207,10 +207,9 @@ def _one_body(track: Track, others: Sequence[Other]) -> Check:
 
 
 def _jump(track: Track, jump: Jump) -> str:
-    start, _ = track.span_ns
     what = f"attitude, by {np.rad2deg(jump.size):.4g}°" if jump.turns else f"position, by {jump.size:.4g} m"
     within = (jump.end_ns - jump.start_ns) * 1e-9
-    return f"{what} within {within:.4g} s at t = {(jump.start_ns - start) * 1e-9:.6g} s"
+    return f"{what} within {within:.4g} s at t = {(jump.start_ns - track.zero_ns) * 1e-9:.6g} s"
 
 
 def _agrees(track: Track, each: Agreement) -> Check:
@@ -248,7 +247,7 @@ def balanced(track: Track, balance: Balance, bound: float) -> Check:
     name = f"{balance.name} balance"
     if balance.covered == 0.0:
         return Check(name, True, f"not judged; {balance.basis}", judged=False, share=0.0)
-    start, _ = track.span_ns
+    start = track.zero_ns
     worst = f"worst {balance.worst:.3g} {balance.unit} at t = {(balance.worst_ns - start) * 1e-9:.6g} s"
     onset = balance.onset_ns(bound)
     since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"

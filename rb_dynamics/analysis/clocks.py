@@ -85,9 +85,9 @@ def clock(topic: Topic) -> Clock:
     )
 
 
-def log_time_of_start(track: Track) -> int:
-    """Return the log time (ns) at the start of the motion, whose stamps may be those of another clock."""
-    start = track.span_ns[0]
+def log_time_of_zero(track: Track) -> int:
+    """Return the log time (ns) from which the output counts, whose stamps may be those of another clock."""
+    start = track.zero_ns
     for series in (track.pose, track.twist):
         topic = track.bag.topics.get(series.topic) if series is not None and not track.own else None
         if topic is not None and topic.count and topic.stamps_given:

@@ -75,8 +75,7 @@ def _topic(track: Track, name: str) -> Topic | None:
 
 
 def _seconds(track: Track, time_ns: int) -> str:
-    start, _ = track.span_ns
-    return f"t = {(time_ns - start) * 1e-9:.6g} s"
+    return f"t = {(time_ns - track.zero_ns) * 1e-9:.6g} s"
 
 
 def _first(track: Track, name: str, time_ns: Times, errors: Array, accepted: float, unit: str, what: str) -> Check:

@@ -16,7 +16,7 @@ import numpy as np
 from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances, sizes_of
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
-from rb_dynamics.analysis.clocks import log_time_of_start
+from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.gaps import silences
@@ -54,10 +54,10 @@ class TopicFacts:
         type_name: message type.
         use: what it is used for; in brackets why it is not used.
         count: messages.
-        first_s: log time of the first message, s from the start of the motion.
+        first_s: log time of the first message, s as t in the output.
         rate: mean, Hz; 0 for fewer than two messages.
         longest_s: longest time between two messages.
-        longest_at_s: start of that interval, s from the start of the motion.
+        longest_at_s: start of that interval, s as t in the output.
     """
 
     name: str
@@ -72,7 +72,7 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class Range:
-    """Smallest and largest value of a quantity, and when (s from the start)."""
+    """Smallest and largest value of a quantity, and when (s as t in the output)."""
 
     name: str
     unit: str
@@ -109,6 +109,7 @@ class RunSummary:
         version: of the package that wrote the log; "" if unknown.
         steps: None if unknown.
         start_ns: time of the first sample.
+        zero_ns: time from which the output counts: the first sample, of a part that of the whole.
         duration_s: from the first to the last sample.
         samples: rows of the motion.
         topics: by name.
@@ -139,6 +140,7 @@ class RunSummary:
     version: str
     steps: int | None
     start_ns: int
+    zero_ns: int
     duration_s: float
     samples: int
     topics: tuple[TopicFacts, ...]
@@ -164,10 +166,11 @@ class RunSummary:
     @property
     def clock(self) -> str:
         """Definition of the time t in checks, warnings and tables."""
-        if self.own and self.start_ns == 0:
+        if self.own and self.zero_ns == 0:
             return "t is simulation time"
         shown = "simulation time" if self.own else "header.stamp"
-        return f"t counts from the start, at {shown} {Decimal(self.start_ns).scaleb(-9):f} s"
+        whole = " of the whole recording" * (self.zero_ns != self.start_ns)
+        return f"t counts from the start{whole}, at {shown} {Decimal(self.zero_ns).scaleb(-9):f} s"
 
     @property
     def reservation(self) -> str:
@@ -186,7 +189,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     facts, result = bag.metadata.get(RUN, {}), bag.metadata.get(RESULT, {})
     start, end = track.span_ns
     motion = track.pose or track.moving
-    logged = log_time_of_start(track)
+    logged = log_time_of_zero(track)
     used = onboard(track)
     uses = {**used.topics, **track.uses}
     topics = tuple(_topic(topic, logged, _use(uses, topic)) for _, topic in sorted(bag.topics.items()))
@@ -215,6 +218,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         version=facts.get("version.rb_dynamics", "").replace("not installed", ""),
         steps=_whole(result.get("steps", "")),
         start_ns=start,
+        zero_ns=track.zero_ns,
         duration_s=(end - start) * 1e-9,
         samples=0 if motion is None else len(motion.time_ns),
         topics=topics,
@@ -306,7 +310,7 @@ def _use(uses: Mapping[str, str], topic: Topic) -> str:
     return "(another used)" if topic.type_name in KEPT else "(other type)"
 
 
-def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
+def _topic(topic: Topic, zero_ns: int, use: str) -> TopicFacts:
     times = topic.log_times
     if not len(times):
         return TopicFacts(topic.name, topic.type_name, use, 0, 0.0, 0.0, 0.0, 0.0)
@@ -317,10 +321,10 @@ def _topic(topic: Topic, start_ns: int, use: str) -> TopicFacts:
         type_name=topic.type_name,
         use=use,
         count=len(times),
-        first_s=int(times[0] - start_ns) * 1e-9,
+        first_s=int(times[0] - zero_ns) * 1e-9,
         rate=mean_rate(times),
         longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
-        longest_at_s=int(times[longest] - start_ns) * 1e-9,
+        longest_at_s=int(times[longest] - zero_ns) * 1e-9,
     )
 
 

@@ -169,11 +169,15 @@ class Track:
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
 
     @property
+    def zero_ns(self) -> int:
+        """The time from which the output counts: the start of the motion, of a part that of the whole; 0 in our log."""
+        return self.span_ns[0] if self.bag.zero_ns is None else self.bag.zero_ns
+
+    @property
     def faults(self) -> list[str]:
         """What is wrong with frames and stamps of pose and twist, as text."""
-        start, _ = self.span_ns
         series = [each for each in (self.pose, self.twist) if each is not None]
-        return [*dict.fromkeys(f"{each.topic}: {fault}" for each in series for fault in each.faults(start))]
+        return [*dict.fromkeys(f"{each.topic}: {fault}" for each in series for fault in each.faults(self.zero_ns))]
 
     @property
     def moving(self) -> TimeSeries | None:
@@ -187,9 +191,8 @@ class Track:
         return tuple(steps.without(missing) for steps in self.wrenches)
 
     def seconds(self, time_ns: Times) -> Array:
-        """Return times as s from the start of the motion; the difference is computed in integers."""
-        start, _ = self.span_ns
-        return (time_ns - start).astype(np.float64) * 1e-9
+        """Return times as s from `zero_ns`; the difference is computed in integers."""
+        return (time_ns - self.zero_ns).astype(np.float64) * 1e-9
 
 
 @dataclass(frozen=True)

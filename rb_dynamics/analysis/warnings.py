@@ -24,13 +24,13 @@ class ChannelHistory:
         received: number of commands, rejected ones included.
         applied: changes of the applied wrench, without timeouts.
         timeouts: number of drops to zero.
-        timed_out_s: time of the first, s from the start of the motion.
+        timed_out_s: time of the first, s as t in the output.
         rejected: number of rejected commands.
         undeclared: their frames that the scene does not declare.
         late: number of commands that arrived after their stamp.
         superseded: number of commands that came after a newer one had taken effect; they are not in the log.
         lost: number of commands lost by the middleware.
-        first_s: when the first command took effect, s from the start of the motion.
+        first_s: when the first command took effect, s as t in the output.
         last_s: the same of the last one.
         usual_s: median interval between commands, s.
         held_s: how long the last command was held until the end of the run; 0 if nothing acts then.

@@ -40,7 +40,7 @@ def part_of(track: Track, window_s: Window) -> Bag:
     # Topics without stamps go by log times, which may be of another clock.
     later = round(clock(stamped[0]).offset_s * 1e9) if stamped and not track.own else 0
     topics = {name: _part(topic, begin, end, later) for name, topic in track.bag.topics.items()}
-    return replace(track.bag, topics=topics, cut=True)
+    return replace(track.bag, topics=topics, cut=True, zero_ns=zero_ns)
 
 
 def _part(topic: Topic, begin: int, end: int, later_ns: int) -> Topic:

@@ -64,7 +64,8 @@ class Bag:
         whole: the file itself has its end, which a recovered one has too.
         boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
         pairs: names of the topics that are a pair of frames.
-        cut: a part of what was recorded was taken out of it.
+        cut: this is a part that was taken out of what was recorded.
+        zero_ns: from when times of such a part count, as those of the whole do; None: from the start of the motion.
 
     Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
     TransformStamped; but not in a log of this package, where /tf says what the pose says.
@@ -79,6 +80,7 @@ class Bag:
     boundaries: tuple[FileBoundary, ...] = ()
     pairs: set[str] = field(default_factory=set)
     cut: bool = False
+    zero_ns: int | None = None
 
     @property
     def ended(self) -> bool:

@@ -249,7 +249,7 @@ def _residual(track: Track, summary: RunSummary) -> list[Section]:
     return [
         Section(
             "Does the given body explain the motion?",
-            text.residual_sentence(left, summary.start_ns),
+            text.residual_sentence(left, summary.zero_ns),
             figures=[figure],
             table=Table(header, rows),
         )

@@ -62,7 +62,7 @@ def as_text(summary: RunSummary) -> str:
     for check in summary.checks:
         lines += _wrap(f"{verdict(check, 'ok  ', 'FAIL', '--  ')}  {check.name}: {check.detail}", "      ")
     if summary.residual:
-        lines += ["", *_wrap(residual_sentence(summary.residual, summary.start_ns)), ""]
+        lines += ["", *_wrap(residual_sentence(summary.residual, summary.zero_ns)), ""]
     lines += [line for warning in summary.warnings for line in _wrap(f"warning: {warning}", "  ")]
     failed, count = sum(not check.passed for check in summary.checks), sum(check.judged for check in summary.checks)
     told = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed{summary.reservation}"
@@ -150,7 +150,7 @@ def balance_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: defects; empty if there are no balances."""
     rows = [["", "worst defect", "at t [s]", "largest value", "relative", "of the run"]]
     for b in summary.balances:
-        worst = [_size(b.worst), _short((b.worst_ns - summary.start_ns) * 1e-9)] if b.covered else ["", ""]
+        worst = [_size(b.worst), _short((b.worst_ns - summary.zero_ns) * 1e-9)] if b.covered else ["", ""]
         relative = _size(b.relative) if b.covered else ""
         rows.append([f"{b.name} [{b.unit}]", *worst, f"{b.scale:.4g}", relative, f"{100.0 * b.covered:.3g} %"])
     return rows if summary.balances else []
@@ -247,8 +247,8 @@ def histogram(latency: CommandLatency) -> list[str]:
     return [*lines, ""]
 
 
-def residual_sentence(left: Residual, start_ns: int) -> str:
-    """Return how well the given body explains the motion, and what would explain it; times from `start_ns`."""
+def residual_sentence(left: Residual, zero_ns: int) -> str:
+    """Return how well the given body explains the motion, and what would explain it; times from `zero_ns`."""
     force, torque = left.root_mean_square
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
     if not left.told:
@@ -275,7 +275,7 @@ def residual_sentence(left: Residual, start_ns: int) -> str:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
     else:
         lacks = "commanded" if left.recorded else "recorded"
-        verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, start_ns)}"
+        verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, zero_ns)}"
     return f"{verdict}{_one_axis(left)} {size}{_mass(left)}"
 
 
@@ -314,9 +314,9 @@ def _mass(left: Residual) -> str:
     return f" The forces fit a mass of {digits} kg best."
 
 
-def _strongest(left: Residual, start_ns: int) -> str:
+def _strongest(left: Residual, zero_ns: int) -> str:
     found = left.strongest
-    begin, end = (_short((time_ns - start_ns) * 1e-9) for time_ns in (found.start_ns, found.end_ns))
+    begin, end = (_short((time_ns - zero_ns) * 1e-9) for time_ns in (found.start_ns, found.end_ns))
     body, world = (_vector(mean.tolist()) for mean in (found.torque_body, found.torque_world))
     return (
         f"It was strongest from t = {begin} to {end} s: {body} N m in body axes on average, {world} in world axes; at "
