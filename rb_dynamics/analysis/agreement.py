@@ -105,6 +105,7 @@ class Agreement:
         partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a single one.
         aligned: lag, factor and turn of the twist relative to the pose.
         odd: whether they contradict each other in any window, be it a single one.
+        when_ns: first and last time of the windows, as far as they follow each other, in which they do so `partly`.
     """
 
     of: str
@@ -119,6 +120,7 @@ class Agreement:
     partly: float = 0.0
     aligned: TwistFit = TwistFit()
     odd: bool = False
+    when_ns: tuple[tuple[int, int], ...] = ()
 
     @property
     def doubt(self) -> str:
@@ -182,13 +184,15 @@ def _with_alignment(
     # What holds for a part only has no one lag and factor.
     if found.partly and rest.error > _CONTRADICTS * found.error:
         return found
-    return replace(found, aligned=aligned, contradicts=found.contradicts or aligned.large, partly=rest.partly)
+    return replace(
+        found, aligned=aligned, contradicts=found.contradicts or aligned.large, partly=rest.partly, when_ns=rest.when_ns
+    )
 
 
 class _Found(NamedTuple):
     """Median relative error, median error per second, number and length (s) of windows, fraction that contradict.
 
-    `odd` is whether any is far from the best.
+    `odd` is whether any is far from the best, `when_ns` are first and last times of those that contradict.
     """
 
     error: float
@@ -197,6 +201,7 @@ class _Found(NamedTuple):
     window_s: float
     beyond: float
     odd: bool
+    when_ns: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -296,7 +301,7 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
-    error, speed, count, window_s, beyond, odd = found
+    error, speed, count, window_s, beyond, odd, when_ns = found
     if not both.twist[:, part].any():
         return Agreement(of, error, window_s, count, True, nothing=True)
     remedy, remaining = "", 0.0
@@ -308,7 +313,8 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
         remedy, remaining = _remedy(given, turned, compared, _RECONCILED * min(1.0, error))
     if error <= _CONTRADICTS and not remedy:
         partly = beyond if beyond * count > 1.5 else 0.0
-        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd)
+        when_ns = when_ns if partly else ()
+        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd, when_ns=when_ns)
     contradicts = bool(remedy) or speed > _SENSORS
     if not contradicts:
         unit = "rad/s" if of == "attitude" else "m/s"
@@ -339,7 +345,7 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | No
     whole = int(since[-1] + apart[-1])
     length = _SECOND if whole >= _SECOND * _LEAST_WINDOWS else _SHORTER
     while length * _LEAST_WINDOWS <= max(whole, _SHORTER * _LEAST_WINDOWS):
-        _, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
+        windows, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
         label = label.ravel()
 
         def total(values: Array, label: NDArray[np.intp] = label) -> Array:
@@ -353,9 +359,17 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | No
         if int(kept.sum()) >= _LEAST_WINDOWS:
             ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
             limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
-            beyond = float(((ratio > limit) & (speed > _SENSORS)).mean())
+            beyond = (ratio > limit) & (speed > _SENSORS)
+            begins = np.sort(both.time_ns[0] + windows[1, kept][beyond] * length)
             far = (ratio > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
             middle = float(np.median(ratio)), float(np.median(speed))
-            return _Found(*middle, int(kept.sum()), length * 1e-9, beyond, bool(far.any()))
+            share, when = float(beyond.mean()), _spans(begins, length)
+            return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(far.any()), when)
         length *= 10
     return None
+
+
+def _spans(begins: Times, length: int) -> tuple[tuple[int, int], ...]:
+    """Return begin and end of windows of this length that begin at these times, those that follow each other as one."""
+    runs = np.split(begins, np.flatnonzero(np.diff(begins) > length) + 1)
+    return tuple((int(run[0]), int(run[-1]) + length) for run in runs if len(run))

@@ -60,6 +60,7 @@ def checks(
     done += [_whole(series, track) for series in motion]
     done += [_unread(topic) for topic in _damaged(track) if topic.name not in {series.topic for series in motion}]
     done += [_continuous(track, steady)] if steady is not None else []
+    done += [_frozen(track, steady)] if steady is not None and steady.frozen else []
     done += [_one_body(track, steady.others)] if steady is not None and steady.others else []
     done += [_agrees(track, each) for each in agreed]
     if track.pose is not None and len(track.pose.time_ns):
@@ -195,6 +196,13 @@ def _continuous(track: Track, found: Continuity) -> Check:
     return Check(name, True, "neither in attitude nor in position")
 
 
+def _frozen(track: Track, found: Continuity) -> Check:
+    topic = "" if track.pose is None else track.pose.topic
+    times = [f"{(b - a) * 1e-9:.6g} s from t = {(a - track.zero_ns) * 1e-9:.6g} s" for a, b in found.frozen]
+    what = "the same pose to the last bit although the body moved"
+    return Check(f"{topic} does not freeze", False, f"{what}: {listed(times[:NAMED], len(times))}")
+
+
 def _one_body(track: Track, others: Sequence[Other]) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name, unlike = f"topics of {others[0].frame} are of one body", [other for other in others if not other.alike]
@@ -224,8 +232,13 @@ def _agrees(track: Track, each: Agreement) -> Check:
     if not each.contradicts:
         return Check(name, True, f"they differ by {measured}{aligned}")
     if each.partly:
-        part = f"in {100.0 * each.partly:.3g} % of them they contradict each other: for a while one of the two stood "
-        part += "still, had another scale or told of another body"
+        zero = track.zero_ns
+        when = [f"{(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in each.when_ns]
+        part = f"in {100.0 * each.partly:.3g} % of them they contradict each other, from t = "
+        part += (
+            f"{listed(when[:NAMED], len(when))}: for a while one of the two "
+        part += "stood still, had another scale or told of another body"
+        )
         return Check(name, False, f"they differ by {measured}, but {part}")
     reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else aligned
     frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]

@@ -6,12 +6,13 @@ stamps continue.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.track import LARGEST, Array, Times, Track, unit_rows
+from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, unit_rows
 from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
@@ -27,6 +28,9 @@ _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
 # They move alike if, between pairs of so many instants, both go equally far, up to this part of the usual distance.
 _INSTANTS, _ALIKE = 40, 0.3
+# A frozen pose repeats itself so many times, and so much longer than usually; a twist above this (rad/s, m/s) is no
+# constant error of a sensor.
+_REPEATS, _MOVES = 10, 0.1
 # A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
 
@@ -86,12 +90,14 @@ class Continuity:
         turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
         returns: if the pose is that of one of two bodies by turns, how often it comes back.
         others: topics that tell of the same frame, elsewhere.
+        frozen: first and last stamp of each time in which the pose does not change by a bit although the body moves.
     """
 
     jumps: tuple[Jump, ...]
     turn: float
     returns: Returns | None = None
     others: tuple[Other, ...] = ()
+    frozen: tuple[tuple[int, int], ...] = ()
 
 
 def continuity(track: Track) -> Continuity | None:
@@ -118,7 +124,39 @@ def continuity(track: Track) -> Continuity | None:
         turn=turn,
         returns=returns or _returns(track, pose.time_ns, attitude, turns=True),
         others=_others(track, extent if placed else 0.0),
+        frozen=_frozen(track, found),
     )
+
+
+def _frozen(track: Track, jumps: Sequence[Jump]) -> tuple[tuple[int, int], ...]:
+    """Return when the pose repeats itself although the body moves: a jump ends it, or the twist says so.
+
+    A pose that is measured seldom repeats itself, too, and so does that of a simulated body at rest.
+    """
+    pose, twist = track.pose, track.twist
+    assert pose is not None
+    ends = np.flatnonzero((np.diff(pose.values, axis=0) != 0.0).any(axis=1))
+    begins, ends = np.append(0, ends + 1), np.append(ends, len(pose.values) - 1)
+    lengths = pose.time_ns[ends] - pose.time_ns[begins]
+    usual = float(np.median(np.diff(pose.time_ns[begins]))) if len(begins) > 1 else np.inf
+    after_jump = {jump.start_ns for jump in jumps}
+    found = []
+    for k in np.flatnonzero((ends - begins >= _REPEATS) & (lengths > _REPEATS * usual)):
+        begin, end = int(pose.time_ns[begins[k]]), int(pose.time_ns[ends[k]])
+        if end in after_jump or _moved(twist, begin, end):
+            found.append((begin, end))
+    return tuple(found)
+
+
+def _moved(twist: TimeSeries | None, begin_ns: int, end_ns: int) -> bool:
+    """Return whether a twist tells of more motion, on average over a time, than the constant error of a sensor."""
+    if twist is None:
+        return False
+    first, last = np.searchsorted(twist.time_ns, [begin_ns, end_ns])
+    if last - first < _REPEATS:
+        return False
+    mean = np.nan_to_num(twist.values[first:last].mean(axis=0))
+    return bool(max(np.linalg.norm(mean[:3]), np.linalg.norm(mean[3:])) > _MOVES)
 
 
 def _apart(one: Array, other: Array, *, turns: bool) -> Array:

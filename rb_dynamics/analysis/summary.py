@@ -260,6 +260,8 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return "some quaternions are no attitude"
     if steady is not None and (steady.returns or not all(other.alike for other in steady.others)):
         return "the recording tells of two bodies under one name"
+    if steady is not None and steady.frozen:
+        return "the pose is frozen for a while"
     return "the pose jumps" if steady is not None and steady.jumps else ""
 
 

@@ -55,6 +55,30 @@ def test_a_position_that_jumps_and_comes_back_is_told_twice() -> None:
     assert detail.endswith("at t = 3.49 s")
 
 
+@pytest.mark.parametrize("with_twist", [True, False])
+def test_a_frozen_pose_is_told_with_its_time(with_twist: bool) -> None:
+    motion, rows = spin(noise=1e-4), np.arange(1000)
+    rows[300:600] = 300
+    frozen = replace(motion, position=motion.position[rows], orientation_xyzw=motion.orientation_xyzw[rows])
+    told = failing(bag_of(frozen, twist=motion, with_twist=with_twist))
+    assert told["/b/pose does not freeze"].endswith(": 2.99 s from t = 3 s")
+    if with_twist:
+        assert ", from t = 3 to 6 s: " in told["angular velocity fits the attitude"]
+
+
+def test_a_body_at_rest_and_a_pose_that_is_measured_seldom_are_not_frozen() -> None:
+    rest = np.maximum(np.arange(1000), 400) - 400
+    resting = spin(noise=1e-4).taken(rest, keep_times=True)
+    resting.time_ns = spin().time_ns
+    still = replace(resting, velocity=resting.velocity * (rest > 0)[:, None], rate=resting.rate * (rest > 0)[:, None])
+    seldom = spin().taken(np.arange(1000) // 20 * 20)
+    seldom.time_ns = spin().time_ns
+    for motion in (still, seldom):
+        found = continuity(read_track(bag_of(motion, twist=spin() if motion is seldom else still)))
+        assert found is not None
+        assert found.frozen == ()
+
+
 def test_more_jumps_than_are_named_are_counted() -> None:
     motion = spin()
     for k in range(100, 900, 100):
