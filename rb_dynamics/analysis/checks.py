@@ -235,10 +235,8 @@ def _agrees(track: Track, each: Agreement) -> Check:
         zero = track.zero_ns
         when = [f"{(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in each.when_ns]
         part = f"in {100.0 * each.partly:.3g} % of them they contradict each other, from t = "
-        part += (
-            f"{listed(when[:NAMED], len(when))}: for a while one of the two "
-        part += "stood still, had another scale or told of another body"
-        )
+        part += f"{listed(when[:NAMED], len(when))}: for a while one of the two stood still, had another scale or told "
+        part += "of another body"
         return Check(name, False, f"they differ by {measured}, but {part}")
     reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else aligned
     frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]
