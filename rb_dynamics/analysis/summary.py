@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -232,7 +233,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
             *checks(track, found, bound, steady, agreed),
             *self_consistency(track),
             *_explained(left),
-            *_not_judged(track, unsure),
+            *_not_judged(track, unsure or (_fitted_instead(track) if left is None else "")),
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
@@ -275,6 +276,22 @@ def _not_judged(track: Track, reason: str) -> list[Check]:
     if not reason or track.body is None or track.body.is_particle:
         return []
     return [Check(EXPLAINS, True, f"not judged; {reason}", judged=False, share=0.0)]
+
+
+def _fitted_instead(track: Track) -> str:
+    """Return why the inertia is not judged, and what judges it; "" if nothing could."""
+    pose, twist = track.pose, track.twist
+    if track.own or (pose is None and twist is None):
+        return ""
+    if pose is None or twist is None:
+        why = f"no topic of a {'pose' if pose is None else 'twist'}"
+    elif np.isnan(twist.values).any():
+        why = f"{twist.topic} tells the angular velocity alone"
+    else:
+        why = f"too few samples of {pose.topic} and {twist.topic} share a stamp at which the wrench is known"
+    scene = track.body_from if track.body_from.endswith((".yaml", ".yml")) else "SCENE"
+    told = shlex.join(["rb-dynamics", "identify", scene, str(track.bag.path)])
+    return f"{why}; fit it with its error: {told}"
 
 
 def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
@@ -507,8 +524,7 @@ def _missing(track: Track) -> list[str]:
         lacks.append(f"No topic of a twist: {rest} are not known.")
     elif np.isnan(track.twist.values).any():
         lacks.append(
-            f"{track.twist.topic} tells the angular velocity alone: velocity, linear momentum and energy are not "
-            "known, and no inertia is judged."
+            f"{track.twist.topic} tells the angular velocity alone: velocity, linear momentum and energy are not known."
         )
     if track.pose and track.twist and track.body is None and not track.momenta_from:
         lacks.append(

@@ -132,6 +132,9 @@ def test_an_imu_gives_what_it_measures(oriented: bool) -> None:
     assert {m.name for m in summary.moments} >= {"angular velocity, body", "specific force, sensor"}
     assert "linear velocity, body" not in {m.name for m in summary.moments}
     assert any("tells the angular velocity alone" in each for each in summary.missing)
+    (instead,) = (check.detail for check in summary.checks if check.name == "inertia explains the motion")
+    assert "not judged; " in instead
+    assert ": rb-dynamics identify /" in instead
     assert any("(imu_link) are taken for those of the body" in each for each in summary.notes)
     if oriented:
         np.testing.assert_array_equal(track.pose.values[:, 3:], MOTION.orientation_xyzw)
