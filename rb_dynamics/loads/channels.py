@@ -376,13 +376,17 @@ class WrenchChannels:
         self.take(command, time_ns)
         return command.require()
 
+    def number(self, topic: str) -> int | None:
+        """Return the number of the channel `topic` in the order of the scene; None if there is none."""
+        return self._index.get(topic.lstrip("/"))
+
     def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
         """Return the command as the channel `topic` takes it; changes nothing.
 
         Raises:
             WrenchError: no such channel.
         """
-        channel = self._index.get(topic.lstrip("/"))
+        channel = self.number(topic)
         if channel is None:
             raise WrenchError(f"wrench topic is {topic!r}, expected one of {sorted(self._index)} as in scene.wrenches")
         return self._checked(channel, wrench)

@@ -211,7 +211,7 @@ class WrenchFrames:
         return held
 
     def _hold(self, wrench: Wrench) -> HeldWrench:
-        wrench = _plain(wrench)
+        wrench = with_floats(wrench)
         return self.about_center_of_mass(wrench.force, wrench.torque, wrench.frame_id)
 
     def about_center_of_mass(self, force: Vector, torque: Vector, frame_id: str) -> HeldWrench:
@@ -271,7 +271,7 @@ def require_possible(force: float, torque: float, largest: tuple[float, float]) 
             )
 
 
-def _plain(wrench: Wrench) -> Wrench:
+def with_floats(wrench: Wrench) -> Wrench:
     """Return `wrench` with force and torque of plain floats.
 
     Raises:
@@ -281,9 +281,11 @@ def _plain(wrench: Wrench) -> Wrench:
     instance(wrench, Wrench, "wrench", "write Wrench(force, torque)")
     force, torque = wrench.force, wrench.torque
     if type(force) is tuple is type(torque) and len(force) == 3 == len(torque):
-        numbers = (*force, *torque)
-        # A run may have a million commands: most of them are what they should be.
-        if all(type(number) is float for number in numbers) and all(map(math.isfinite, numbers)):
+        (a, b, c), (d, e, f) = force, torque
+        # A run may have a million commands: most of them are what they should be. What is not finite leaves NaN.
+        if float is type(a) is type(b) is type(c) is type(d) is type(e) is type(f) and (
+            a - a + b - b + c - c + d - d + e - e + f - f == 0.0
+        ):
             return wrench
     return replace(
         wrench,

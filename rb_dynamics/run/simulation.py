@@ -25,10 +25,10 @@ from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_table import CommandBatch
+from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
@@ -441,6 +441,26 @@ class Simulation:
         self._channels.extend(table)
         self._ahead.forget()
         return rejected
+
+    def post_in_order(self, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
+        """Let each command take effect at its stamp as `post` does; return why some do not.
+
+        They come by their stamps, none of them earlier than one posted before.
+        """
+        end_ns = math.inf if self.end_ns is None else self.end_ns
+        rejected = []
+        regular: list[tuple[int, Wrench, int]] = []
+        for topic, wrench in commands:
+            in_time = self._computed_ns < wrench.stamp_ns <= end_ns and len(commands) >= FEWEST
+            number = self._channels.number(topic) if in_time else None
+            if number is not None:
+                regular.append((number, _with_floats_if_finite(wrench), wrench.stamp_ns))
+                continue
+            try:
+                self.post(topic, wrench, wrench.stamp_ns)
+            except WrenchError as error:
+                rejected.append(_rejection(topic, wrench.stamp_ns, error))
+        return rejected + (self.post_batch(listed(regular)) if regular else [])
 
     def hasten(self, by_ns: int) -> list[str]:
         """Let commands that wait and have a stamp act this much sooner; return the channels of those that never will.
@@ -928,17 +948,17 @@ def simulate(
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
     """Do what `_post_ahead` does for commands that come as arrays."""
-    for topic, setpoint in commands.setpoints:
-        try:
-            run.actuate(topic, setpoint.value, setpoint.stamp_ns)
-        except WrenchError as error:
-            rejected.append(_rejection(topic, setpoint.stamp_ns, error))
+    rejected += _post(run, commands.setpoints)
     for batch, until_ns in commands.batches():
         rejected += run.post_batch(batch)
         if until_ns is not None and until_ns > 0 and not run.ended:
             yield until_ns - 1
     if run.end_ns is not None:
         yield run.end_ns
+
+
+def _stamp_ns(command: Command) -> int:
+    return command[1].stamp_ns
 
 
 def as_command(command: object) -> Command:
@@ -969,6 +989,13 @@ def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
     return rejected
 
 
+def _with_floats_if_finite(wrench: Wrench) -> Wrench:
+    try:
+        return with_floats(wrench)
+    except WrenchError:
+        return wrench
+
+
 def _rejection(topic: str, time_ns: int, error: WrenchError) -> str:
     return f"{topic} at simulation time {time_ns / NANOSECONDS:.9f} s: {error}"
 
@@ -983,17 +1010,19 @@ def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str
         yield from _post_batches(run, commands, rejected)
         return
     if isinstance(commands, Sequence):
-        commands = sorted(map(as_command, commands), key=lambda command: command[1].stamp_ns)
+        commands = sorted(map(as_command, commands), key=_stamp_ns)
     elif not isinstance(commands, Iterable):
         raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
     else:
         commands = map(as_command, commands)
-    known_ns, newest_ns, waiting = -1, 0, 0
-    for topic, wrench in commands:
-        stamp_ns = wrench.stamp_ns
+    known_ns, newest_ns = -1, 0
+    waiting: list[Command] = []
+    for topic, command in commands:
+        stamp_ns = command.stamp_ns
         if stamp_ns > newest_ns:
-            if waiting >= LOOK_AHEAD and not run.ended:
-                known_ns, waiting = newest_ns, 0
+            if len(waiting) >= LOOK_AHEAD and not run.ended:
+                rejected += _post(run, waiting)
+                known_ns, waiting = newest_ns, []
                 yield known_ns
             newest_ns = stamp_ns
         elif max(stamp_ns, 0) <= known_ns:
@@ -1001,13 +1030,22 @@ def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str
                 f"commands: found one at {stamp_ns} ns when the run had reached {known_ns} ns, expected them in the "
                 "order of their stamps; give a list, which may be in any order"
             )
-        try:
-            if isinstance(wrench, Setpoint):
-                run.actuate(topic, wrench.value, stamp_ns)
-            else:
-                run.post(topic, wrench, stamp_ns)
-        except WrenchError as error:
-            rejected.append(_rejection(topic, stamp_ns, error))
-        waiting += 1
+        waiting.append((topic, command))
+    rejected += _post(run, waiting)
     if run.end_ns is not None:
         yield run.end_ns
+
+
+def _post(run: Simulation, commands: Sequence[Command]) -> list[str]:
+    """Post commands that may be in any order; return the reason for each rejected one."""
+    rejected: list[str] = []
+    wrenches: list[tuple[str, Wrench]] = []
+    for topic, command in sorted(commands, key=_stamp_ns):
+        if isinstance(command, Wrench):
+            wrenches.append((topic, command))
+            continue
+        try:
+            run.actuate(topic, command.value, command.stamp_ns)
+        except WrenchError as error:
+            rejected.append(_rejection(topic, command.stamp_ns, error))
+    return rejected + run.post_in_order(wrenches)

@@ -112,6 +112,13 @@ def _run(scene: Scene, commands: Any, *sinks: Any) -> Any:
     return simulate(scene, commands, sinks)
 
 
+def _singly(scene: Scene, commands: Any, *sinks: Any) -> Any:
+    """Post commands one by one, and go from edge to edge without the kernel."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rb_dynamics.run.simulation.FEWEST", 10**9)
+        return simulate(scene, list(commands), sinks)
+
+
 @pytest.mark.parametrize(
     "solver",
     [
@@ -128,7 +135,11 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, flown
     scene = replace(SCENE, solver=solver)
     recorded = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0)
     singly, together = _Everything(), _Everything()
-    one = _run(scene, list(recorded), singly)
+    one = _singly(scene, recorded, singly)
+    assert not flown
+    listed = _Everything()
+    _run(scene, list(recorded), listed)
+    assert repr(listed.events) == repr(singly.events)
     alone = sum(flown)
     all_at_once = _run(scene, recorded, together)
     assert repr(singly.events) == repr(together.events)
@@ -138,7 +149,7 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, flown
     unseen = _run(scene, recorded)
     assert (unseen.sample, unseen.steps, unseen.method) == (one.sample, one.steps, one.method)
     # Of some 600 edges, all but those beside a command that has to be checked by itself.
-    assert sum(flown) - alone > 300
+    assert min(alone, sum(flown) - alone) > 300
 
 
 @pytest.mark.parametrize(
@@ -150,11 +161,11 @@ def test_so_it_does_under_effects(bag: Path, solver: Solver, flown: list[int], m
     """To the bits of plain Python, across the knots of a rotor, with its energy and the potential in the books."""
     scene = replace(parse_scene(SCENE.text + EFFECTS), solver=solver)
     recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
-    for when, commands in (("never", list(recorded)), ("always", list(recorded)), ("always", recorded)):
+    for when, fly in (("never", _singly), ("always", _singly), ("always", _run)):
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
         flown.clear()
         everything = _Everything()
-        run = _run(scene, commands, everything)
+        run = fly(scene, recorded, everything)
         kept.append((repr(everything.events), everything.result, run.steps, run.method, sorted(run.rejected)))
     assert kept[0] == kept[1] == kept[2]
     assert sum(flown) > 300
@@ -168,9 +179,9 @@ def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(
     effects = "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n" if gravity else ""
     scene = replace(parse_scene(SCENE.text + effects), solver=Solver(method="rk4", step=1 / 64), output_rate=rate)
     recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
-    for name, commands in (("singly", list(recorded)), ("together", recorded)):
+    for name, fly in (("singly", _singly), ("together", _run)):
         log, states, memory = McapSink(tmp_path / name, settings=LogSettings(flush_s=0.0)), HashSink(), MemorySink()
-        _run(scene, commands, log, GuardedSink(states, print), memory)
+        fly(scene, recorded, log, GuardedSink(states, print), memory)
         kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied])))
     assert len(kept[0][0]) > (400_000 if rate > 1.0 else 10_000)
     assert kept[0] == kept[1]
@@ -206,10 +217,10 @@ def test_a_propagation_that_cannot_go_on_ends_at_the_last_good_state_with_all_of
     scene = replace(SCENE, solver=Solver(method="rk4", step=0.01))
     recorded = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["a", "b"], scene.end_ns or 0)
     kept = []
-    for commands in (list(recorded), recorded):
+    for fly in (_singly, _run):
         sink = _Everything()
         with pytest.raises(ConvergenceError) as error:
-            _run(scene, commands, sink)
+            fly(scene, recorded, sink)
         kept.append((sink.events, sink.result, str(error.value)))
     assert kept[0] == kept[1]
     assert len(kept[0][0]) > 60
@@ -222,7 +233,7 @@ def test_a_closed_form_between_two_driven_arcs_is_named(tmp_path: Path) -> None:
         for k in range(300)
     ]
     recorded = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["a", "b"], SCENE.end_ns or 0)
-    one, together = _run(SCENE, list(recorded)), _run(SCENE, recorded)
+    one, together = _singly(SCENE, recorded), _run(SCENE, recorded)
     assert one.method == together.method
     assert "exact" in one.method
     assert (one.sample, one.steps) == (together.sample, together.steps)
