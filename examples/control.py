@@ -23,7 +23,7 @@ WORDS = {
     "step": ("step", Trigger, Trigger.Request()),
     "reset": ("reset", Trigger, Trigger.Request()),
 }
-PATIENCE = 5.0  # s
+PATIENCE = 10.0  # s
 
 
 def main() -> str | None:

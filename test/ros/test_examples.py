@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 import subprocess
@@ -9,11 +10,11 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
@@ -58,24 +59,29 @@ def test_the_controller_in_lockstep_flies_the_same_bits_again(tmp_path: Path, mo
     assert hashes[0] == hashes[1]
 
 
+def rate(message: TwistStamped) -> float:
+    """Return the magnitude of the angular velocity, rad/s."""
+    return math.hypot(*(getattr(message.twist.angular, axis) for axis in "xyz"))
+
+
 def test_the_spacecraft_is_flown_by_its_sensors_alone(peer: Peer, tmp_path: Path) -> None:
-    """Its tumble dies down, the log has what did it, and replays."""
+    """Its tumble dies down, however late the two find each other, the log has what did it, and replays."""
     scene, log = ROOT / "config" / "campaigns" / "spacecraft" / "satellite.yaml", tmp_path / "flown.mcap"
     with (
-        running(scene, real_time_factor=10.0, duration=20.0, start_paused=True, mcap=log) as node,
+        running(scene, real_time_factor=10.0, duration=600.0, start_paused=True, mcap=log) as node,
         subprocess.Popen([sys.executable, ROOT / "examples" / "spacecraft.py"]) as controller,
     ):
         try:
+            twists = peer.listen(TwistStamped, "twist")
             peer.until(lambda: peer.node.count_subscribers("imu") > 0, "the controller listening")
             peer.call("rigid_body/pause", SetBool.Request(data=False))
-            assert node.wait() == 0, node.err
+            peer.until(lambda: len(twists) > 1 and rate(twists[-1]) < 0.7 * rate(twists[0]), "a slower tumble")
+            assert node.stop() == 0, node.err
         finally:
             controller.kill()
     bag = read_bag(log)
     for name in (f"{kind}_{axis}" for kind in ("wheel", "rod") for axis in "xyz"):
-        assert len(bag.scalars(f"/{name}/command")[0]) > 10
-    rates = bag.twists("/twist")[1][:, 3:]
-    assert np.linalg.norm(rates[-1]) < 0.7 * np.linalg.norm(rates[0])
+        assert len(bag.scalars(f"/{name}/command")[0]) > 1
     assert replay(log).identical
 
 
@@ -100,13 +106,15 @@ def test_an_example_that_waits_for_a_node_ends_quietly(peer: Peer, name: str, ho
             example.kill()
 
 
-def test_control_pauses_steps_and_resets(scene: Path) -> None:
+def test_control_pauses_steps_and_resets(scene: Path, peer: Peer) -> None:
     def control(word: str, *more: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / "examples" / "control.py"), word, *more]
         return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
 
     ros_args = ("-r", "__ns:=/robot_1")
     with running(scene, *ros_args) as node:
+        step = peer.node.create_client(Trigger, "/robot_1/rigid_body/step")
+        peer.until(step.service_is_ready, "the service")
         said = [control(word, "--ros-args", *ros_args) for word in ("step", "pause", "step", "go", "reset")]
         assert node.stop() == 0
     assert [(each.returncode, each.stdout.strip()) for each in said] == [
