@@ -17,6 +17,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene import add_scene
+from rb_dynamics.cli.topics import add_topics, chosen_topics
 from rb_dynamics.numerics.option_types import whole
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(x, y, z, w), position, velocity_world, velocity_body, rates, gyro, accelerometer, force, torque; may be "
         "repeated",
     )  # fmt: skip
+    add_topics(parser)
     parser.add_argument(
         "--validate", action="append", default=[], metavar="BAG",
         help="recording that is predicted with what was found, its start alone fitted; may be repeated",
@@ -87,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
             names,
             commands=args.wrench,
             columns=_columns(args.columns),
+            topics=chosen_topics(args),
             validate=args.validate,
             loss=args.loss,
             starts=args.starts,

@@ -62,6 +62,13 @@ def test_what_is_asked_for_and_not_told_is_code_1(
     assert "while a known force acts" in printed.out
 
 
+@pytest.mark.parametrize("option", ["--pose-topic", "--twist-topic", "--wrench-topic"])
+def test_a_topic_that_is_not_there_is_code_2(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    root = Path(__file__).parents[2]
+    assert main(["identify", str(root / "config/slew.yaml"), str(root / "examples/slew.mcap"), option, "/none"]) == 2
+    assert "/none" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

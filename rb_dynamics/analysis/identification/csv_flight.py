@@ -63,12 +63,17 @@ _KINDS = {
 
 
 def read_csv_flight(
-    path: str, scene: Scene, commands: Sequence[str] = (), columns: Mapping[str, Sequence[str]] | None = None
+    path: str,
+    scene: Scene,
+    commands: Sequence[str] = (),
+    columns: Mapping[str, Sequence[str]] | None = None,
+    wrench_topics: tuple[str, ...] = (),
 ) -> Flight:
     """Return what the table measured; `columns` are the names of its columns by `QUANTITIES`, where they are others.
 
     Position and velocity are those of the body origin; `gyro`, `rates`, `accelerometer`, `force` and `torque` are in
-    body axes. A wrench is held until the next; `commands` are bags with wrenches of the same clock.
+    body axes. A wrench is held until the next; `commands` are bags with wrenches of the same clock, on
+    `wrench_topics`, or all of them.
 
     Raises:
         LogError: the file cannot be read, lacks a column or has a cell that is no number, or times that go back.
@@ -93,7 +98,7 @@ def read_csv_flight(
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
     notes: list[str] = []
     channels = [*_wrench(found, measured, times - zero, scene)]
-    channels += acting_elsewhere(commands, scene, zero, end, path, notes)
+    channels += acting_elsewhere(commands, scene, zero, end, path, notes, wrench_topics)
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 

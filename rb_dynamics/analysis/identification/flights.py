@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rb_dynamics.analysis.agreement import agreements_of
-from rb_dynamics.analysis.read_track import STRAYS, read_track
+from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
@@ -179,26 +179,30 @@ def _cut(stream: Stream, end_ns: int) -> Stream:
     return replace(stream, time_ns=stream.time_ns[:count], values=stream.values[:count])
 
 
-def read_flight(path: str, scene: Scene, commands: Sequence[str] = ()) -> Flight:
+def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what the bag `path` measured; `commands` are bags with the wrenches, where they are not in it.
 
+    `topics` of a bag of another program tell of the body; its wrenches are in `commands`, where these are given.
+
     Raises:
-        LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known.
+        LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`.
     """
-    return flight_of(read_bag(path, repeated=False), scene, commands)
+    return flight_of(read_bag(path, repeated=False), scene, commands, topics)
 
 
-def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = ()) -> Flight:
+def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what `bag` measured; see `read_flight`."""
-    path = str(bag.path)
-    track = read_track(bag, None if RUN in bag.metadata else scene)
+    path, choice = str(bag.path), topics or TopicChoice()
+    own = RUN in bag.metadata
+    mine = replace(choice, wrenches=() if commands else choice.wrenches)
+    track = read_track(bag, None if own else scene, None if own else mine)
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
     notes += track.faults
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
-    channels += acting_elsewhere(commands, scene, zero, end, path, notes)
+    channels += acting_elsewhere(commands, scene, zero, end, path, notes, choice.wrenches)
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
@@ -229,18 +233,24 @@ def _with_points(channel: WrenchSeries, bag: Bag, scene: Scene) -> WrenchSeries:
 
 
 def acting_elsewhere(
-    commands: Sequence[str], scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]
+    commands: Sequence[str],
+    scene: Scene,
+    zero: int,
+    end_ns: int,
+    path: str,
+    notes: list[str],
+    topics: tuple[str, ...] = (),
 ) -> list[WrenchSeries]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
-    `notes` gets what a person should know of them.
+    `notes` gets what a person should know of them; `topics` are those of wrenches, all if it is empty.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
     """
     channels = []
     for other in commands:
-        found = read_track(read_bag(other), scene)
+        found = read_track(read_bag(other), scene, TopicChoice(wrenches=topics))
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
         channels += _channels(found, scene, zero, end_ns, path, notes)

@@ -23,6 +23,7 @@ from rb_dynamics.analysis.identification.omissions import CHANCE, TOLD, Omission
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of
+from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -220,6 +221,7 @@ def identify(
     *,
     commands: Sequence[str | os.PathLike[str]] = (),
     columns: Mapping[str, Sequence[str]] | None = None,
+    topics: TopicChoice | None = None,
     validate: Sequence[str | os.PathLike[str] | Flight] = (),
     loss: str = "linear",
     starts: int = STARTS,
@@ -235,6 +237,7 @@ def identify(
         fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are told.
         commands: bags with the commands, where the recordings have none; of the same clock.
         columns: of .csv recordings, by what they hold, as in {"gyro": ("wx", "wy", "wz")}; see `QUANTITIES`.
+        topics: which topics of bags of other programs tell of the body; found by type and name otherwise.
         validate: recordings that are not fitted but predicted, from a start that is fitted to each.
         loss: of residuals: "linear", or one of scipy's that outliers hardly change.
         starts: number of starts.
@@ -243,7 +246,7 @@ def identify(
 
     Raises:
         SceneError: the scene is not valid, has an effect that is not modelled, or `fit` names what there is not.
-        LogError: a recording cannot be read, or has no motion.
+        LogError: a recording cannot be read, has no motion, or not the `topics`.
         ValueError: `loss` or `starts` is none.
     """
     known = opened(scene)
@@ -259,7 +262,9 @@ def identify(
         raise ValueError(f"starts is {starts}, expected 1 or more; write how many, such as 4")
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
-    flights, held_out = ([_flight(each, known, commands, columns) for each in some] for some in (given, validate))
+    flights, held_out = (
+        [_flight(each, known, commands, columns, topics) for each in some] for some in (given, validate)
+    )
     for flight in (*flights, *held_out):
         flight.require_dense()
     flights, held_out = ([flight.require_agreement() for flight in some] for some in (flights, held_out))
@@ -344,6 +349,7 @@ def _flight(
     scene: Scene,
     commands: Sequence[str | os.PathLike[str]],
     columns: Mapping[str, Sequence[str]] | None,
+    topics: TopicChoice | None,
 ) -> Flight:
     if isinstance(given, Flight):
         return given
@@ -351,8 +357,8 @@ def _flight(
         raise TypeError(f"one of the recordings is {shown(given)}, expected the path of a log; write its name")
     path, others = os.fspath(given), [os.fspath(each) for each in commands]
     if path.lower().endswith(".csv"):
-        return read_csv_flight(path, scene, others, columns)
-    return read_flight(path, scene, others)
+        return read_csv_flight(path, scene, others, columns, () if topics is None else topics.wrenches)
+    return read_flight(path, scene, others, topics)
 
 
 def _require_names(names: Sequence[str], scene: Scene) -> None:

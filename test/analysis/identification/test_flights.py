@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_rows import STAMPED, add
+from bag_rows import STAMPED, add, stamped, write_rows
 from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
 
@@ -27,6 +27,7 @@ from rb_dynamics import (
     simulate,
 )
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
+from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -67,6 +68,22 @@ def test_motion_between_samples_that_cannot_be_told_is_refused_before_the_fit(mo
             identify(guess(body), [flight])
         with pytest.raises(LogError, match="cannot be told"):
             identify(guess(body), [made], validate=[flight])
+
+
+def test_topics_of_a_bag_can_be_chosen(tmp_path: Path) -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    bags = [imu_bag(flown(body, np.random.default_rng(k), seconds=1.0, spin=(0.3, 3.0, 0.5))) for k in (1, 2)]
+    bag, other = bags[0], bags[1].topics["/imu"]
+    other.name = "/other"
+    bag.topics["/other"] = other
+    for choice, topic in ((None, "/imu"), (TopicChoice(twist="/other"), "/other")):
+        assert [stream.topic for stream in flight_of(bag, guess(body), topics=choice).streams] == [topic]
+    with pytest.raises(LogError, match="/none"):
+        flight_of(bag, guess(body), topics=TopicChoice(twist="/none"))
+    # Wrenches are those of the bags of commands, where some are given.
+    commands = write_rows(tmp_path / "c.mcap", [(name, STAMPED, 10**9, stamped(10**9, 1.0)) for name in ("/a", "/b")])
+    wanted = TopicChoice(wrenches=("/b",))
+    assert [each.topic for each in flight_of(bag, guess(body), [str(commands)], wanted).channels] == ["/b"]
 
 
 def test_gyro_alone_tells_ratios_and_its_bias() -> None:
