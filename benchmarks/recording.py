@@ -24,8 +24,8 @@ from mcap.writer import CompressionType, Writer
 
 import rb_dynamics as rb
 from rb_dynamics.formats.channel_metadata import log_channel
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.logs.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
@@ -75,7 +75,7 @@ Packed = list[tuple[int, tuple[bytes, ...]]]
 
 
 def ours(path: Path, compression: CompressionType, packed: Packed) -> float:
-    file = LogFile(path)
+    file = OutputFile(path)
     with patch.dict(sys.modules, {} if compression == CompressionType.ZSTD else {"zstandard": None}):
         writer = McapWriter(file, "benchmark")
     begin = time.process_time()

@@ -29,9 +29,9 @@ from written import processor, table
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import WRENCH
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.numerics.compilation import available
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,7 +57,7 @@ def write_inputs(task: Problem, folder: Path) -> None:
         "wrenches: [{topic: thrusters}, {topic: wind}]\n"
         f"solver: {{method: auto, accuracy: {task.wanted!r}}}\nduration: {task.duration!r}\noutput_rate: 100\n"
     )
-    file = LogFile(folder / "bag.mcap")
+    file = OutputFile(folder / "bag.mcap")
     writer = McapWriter(file, "benchmark")
     writer.begin()
     channels = [log_channel(f"/{name}", WRENCH, qos_profile(10)) for name in ("thrusters", "wind")]

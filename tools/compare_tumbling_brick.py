@@ -24,9 +24,9 @@ from pathlib import Path
 import rb_dynamics as rb
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import POSE, TWIST
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.numerics.rotation import Quaternion, multiply
 
 SLUG_FT2 = 14.593902937206364 * 0.3048**2  # kg m^2
@@ -95,7 +95,7 @@ def about(axis: int, angle: float) -> Quaternion:
 
 def write(target: Path, samples: list[Sample]) -> None:
     """Write pose and twist as a bag."""
-    with contextlib.closing(LogFile(target)) as file:
+    with contextlib.closing(OutputFile(target)) as file:
         writer = McapWriter(file, "tumbling brick")
         writer.begin()
         topics = ("/brick/pose", POSE), ("/brick/twist", TWIST)

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from pathlib import Path
 
-    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.formats.output_file import make_folder
     from rb_dynamics.study.campaign.store import Store
 
     if args.html:
@@ -82,7 +82,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     import json
 
     from rb_dynamics.cli.output import counting, written_page
-    from rb_dynamics.formats.log_file import LogFile
+    from rb_dynamics.formats.output_file import OutputFile
     from rb_dynamics.study.campaign.engine import goes_side_by_side, run_campaign
     from rb_dynamics.study.campaign.stability import remarks
     from rb_dynamics.study.campaign.store import read_rows
@@ -107,7 +107,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     rows = read_rows(out)
     summary = summarise(campaign, rows)
     found = summary.as_dict()
-    with contextlib.closing(LogFile(out.with_suffix(".json"))) as file:
+    with contextlib.closing(OutputFile(out.with_suffix(".json"))) as file:
         file.write(json.dumps(found, allow_nan=False).encode())
     print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args), str(out)))
     page = _write_page(args, campaign, rows, out, summary)

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
+    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
     from rb_dynamics.report.comparison_text import as_text
     from rb_dynamics.study.compare import compare
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.log_file import make_folder
+    from rb_dynamics.formats.output_file import make_folder
     from rb_dynamics.logs.wrench_bags import read_wrenches
     from rb_dynamics.report.run_page import write_run_report
     from rb_dynamics.run.simulation import simulate

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.analysis.identification.identify import identify
     from rb_dynamics.cli import output, scene
-    from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
+    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
 
     written = [*filter(None, (args.out, args.html))]
     require_apart(written)

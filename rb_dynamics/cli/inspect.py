@@ -75,8 +75,8 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli import output
     from rb_dynamics.cli.many import logs_of, report
     from rb_dynamics.errors import LogError
-    from rb_dynamics.formats.log_file import make_folder, require_apart, require_other
     from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
+    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
     from rb_dynamics.report.text import as_text
     from rb_dynamics.scene import read_scene
 

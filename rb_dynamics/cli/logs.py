@@ -65,7 +65,7 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
         LogError: the arguments cannot be combined, or a log would replace an input of the run.
         PluginError: the plug-in of a sink cannot be loaded.
     """
-    from rb_dynamics.formats.log_file import require_apart, require_other
+    from rb_dynamics.formats.output_file import require_apart, require_other
 
     targets = (text.partition("=")[2] for text in args.sink)
     written = [*filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets))]

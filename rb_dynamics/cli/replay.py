@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.cli import output
     from rb_dynamics.cli.many import logs_of, report
-    from rb_dynamics.formats.log_file import require_other
+    from rb_dynamics.formats.output_file import require_other
 
     require_with(args, "--rate", args.rate is not None, "--into ros", args.into)
     require_with(args, "--clock", args.clock, "--into ros", args.into)

@@ -79,7 +79,7 @@ def read(args: argparse.Namespace) -> Scene:
 
 def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
     """Return the scene, and of a log the channel of each topic that has another name."""
-    from rb_dynamics.formats.log_file import is_log
+    from rb_dynamics.formats.output_file import is_log
     from rb_dynamics.scene import read_scene
 
     overrides = dict(map(_override, args.set))
@@ -104,7 +104,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     require_with(args, "--topic", bool(args.topic), "--wrench", args.wrench)
     require_with(args, "--wrench-start", args.wrench_start is not None, "--wrench", args.wrench)
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.log_file import is_log
+    from rb_dynamics.formats.output_file import is_log
 
     scene, names = _read(args)
     repeated = not args.wrench and is_log(args.scene)

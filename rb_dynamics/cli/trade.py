@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.log_file import make_folder, require_other
+    from rb_dynamics.formats.output_file import make_folder, require_other
     from rb_dynamics.study.trade import trade
 
     scene, commands = read_with_commands(args)

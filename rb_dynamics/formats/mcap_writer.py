@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import MAGIC, McapChannel, Opcode, Schema
+from rb_dynamics.formats.output_file import OutputFile
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,7 +100,7 @@ class _Mark:
 class McapWriter:
     """Writes one file of profile `ros2`; zstd where it is installed."""
 
-    def __init__(self, file: LogFile, library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(self, file: OutputFile, library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
         """Prepare to write `file`; `library` names the software that writes."""
         self._file = file
         self._chunk_bytes = chunk_bytes

@@ -16,11 +16,11 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
-from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.log_metadata import RUN, SCENE, version
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
+from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
 from rb_dynamics.formats.ros2msg import schema_text
 
@@ -65,7 +65,7 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
 def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     sources = [open_source(path) for path in paths]
     found, spans = Merged(), dict[str, dict[int, tuple[int, int]]]()
-    with contextlib.closing(LogFile(target)) as file:
+    with contextlib.closing(OutputFile(target)) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import in_order
-from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
 from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
 
 WHOLE = "whole"
@@ -92,7 +92,7 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     # What is no MCAP file at all is found out before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
-    with contextlib.closing(LogFile(target)) as file:
+    with contextlib.closing(OutputFile(target)) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import LogFile, make_folder
+from rb_dynamics.formats.output_file import OutputFile, make_folder
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def _count(block: Rows) -> int:
 
 def _write_csv(path: Path, columns: Sequence[Column], blocks: Iterable[Rows]) -> int:
     count = 0
-    with contextlib.closing(LogFile(path)) as file:
+    with contextlib.closing(OutputFile(path)) as file:
         file.write((",".join(column.name for column in columns) + "\n").encode())
         for block in blocks:
             rows = _count(block)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from rb_dynamics.errors import LogError, RigidBodyError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.log_file import is_log
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
+from rb_dynamics.formats.output_file import is_log
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import (

@@ -12,7 +12,7 @@ import numpy as np
 from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference, Side
 from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import make_folder
 from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.report.interactive_plots import EXTRA, Picture, encode, library
 
 # All characters except text: those that HTML forbids, and marks that change the writing direction (202a.., 2066..).

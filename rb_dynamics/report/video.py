@@ -23,7 +23,7 @@ from rb_dynamics.analysis.track import Array, Motion, Track, motion_of
 from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.plots import continuous

@@ -43,8 +43,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
-from rb_dynamics.formats.log_file import move_aside
 from rb_dynamics.formats.message_types import PLAIN_WRENCH, WRENCH
+from rb_dynamics.formats.output_file import move_aside
 from rb_dynamics.logs.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WHEELS, decode_setpoint, decode_wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions

@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_file import LogFile, require_other
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
+from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.channels import NAMING, AppliedWrench, is_topic_name
@@ -356,7 +356,7 @@ def log_to_scene(log: str | Path, target: Path) -> None:
         pass
     if SCENE not in source.attachments:
         raise LogError(f"{source.path} has no {SCENE} attached, expected a log of this package; give one of its logs")
-    with contextlib.closing(LogFile(target)) as file:
+    with contextlib.closing(OutputFile(target)) as file:
         file.write(source.attachments[SCENE])
 
 
@@ -373,7 +373,7 @@ def table_to_bag(table: Path, target: Path) -> int:
     commands = list(_read_wrenches(table))
     qos = qos_profile(COMMAND_DEPTH)
     channels = {topic: log_channel(topic, WRENCH, qos) for topic in dict.fromkeys(topic for topic, _ in commands)}
-    with contextlib.closing(LogFile(target)) as file:
+    with contextlib.closing(OutputFile(target)) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()
         ids = {topic: writer.add_channel(channel) for topic, channel in channels.items()}

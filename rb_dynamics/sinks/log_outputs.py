@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import require_apart
+from rb_dynamics.formats.output_file import require_apart
 from rb_dynamics.sinks.mcap_sink import LogSettings
 from rb_dynamics.sinks.sink_types import SinkOptions, sinks
 

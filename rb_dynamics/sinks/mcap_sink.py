@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING, cast
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed_one
 from rb_dynamics.formats.message_types import VECTOR, WRENCH
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.logs.messages import (
     APPLIED,
     COMMAND_DEPTH,
@@ -134,7 +134,7 @@ class McapSink:
         self._states = states or StateHash()
         self._start_ns = start_ns
         self._checked = self._states.samples
-        self._file: LogFile | None = None
+        self._file: OutputFile | None = None
         self._failure: LogError | None = None
         # Held while the writer is at work: the flusher may come at any time.
         self._lock = threading.Lock()
@@ -152,7 +152,7 @@ class McapSink:
         acceleration = run.acceleration if self.settings.accel else None
         samples = sample_topics(run.scene, acceleration is not None)
         topics = self._topics(run.scene, acceleration is not None)
-        self._file = LogFile(self.path)
+        self._file = OutputFile(self.path)
         self._writer = McapWriter(self._file, f"rb_dynamics {version()}")
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]

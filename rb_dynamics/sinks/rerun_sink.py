@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.body.mass_properties import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract

@@ -19,9 +19,9 @@ import numpy as np
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.log_file import require_other
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.output_file import require_other
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.wrench import Wrench

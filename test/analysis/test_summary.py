@@ -18,9 +18,9 @@ from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.text import as_text
@@ -212,7 +212,7 @@ def test_a_log_that_was_cut_off_says_of_how_much(flight: Any, tmp_path: Path) ->
 
 def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool = False) -> Path:
     """Write these messages and everything else in `whole` to a file, truncated or complete."""
-    with contextlib.closing(LogFile(path)) as file:
+    with contextlib.closing(OutputFile(path)) as file:
         writer = McapWriter(file, "test")
         writer.begin()
         numbers = {channel.topic: writer.add_channel(channel) for channel in whole.channels.values()}

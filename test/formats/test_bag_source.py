@@ -14,8 +14,8 @@ import pytest
 from rb_dynamics.analysis.checks import one_recording
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
@@ -227,7 +227,7 @@ def test_the_metadata_alone_is_answered_with_the_folder(tmp_path: Path) -> None:
 def test_what_was_lost_in_any_file_of_a_bag_is_kept(tmp_path: Path) -> None:
     lost = ({"reason": "damaged", "missing_ns": "1 2"}, {}, {"reason": "damaged", "missing_ns": "7 9"})
     for number, facts in enumerate(lost):
-        with contextlib.closing(LogFile(tmp_path / f"bag_{number}.mcap")) as file:
+        with contextlib.closing(OutputFile(tmp_path / f"bag_{number}.mcap")) as file:
             writer = McapWriter(file, "test")
             writer.begin()
             if facts:

@@ -12,9 +12,9 @@ import pytest
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.channel_metadata import log_channel
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -117,7 +117,7 @@ def test_a_file_without_its_end(log: Path) -> None:
 
 
 def written(path: Path, library: str, *times: int, lie: Callable[[McapWriter], None] = lambda _: None) -> Path:
-    file = LogFile(path)
+    file = OutputFile(path)
     writer = McapWriter(file, library)
     writer.begin()
     channel = writer.add_channel(log_channel("/a", "std_msgs/msg/Float64", ""))

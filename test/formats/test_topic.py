@@ -13,9 +13,9 @@ from bag_rows import add
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import ODOMETRY, PLAIN_WRENCH, TWIST
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.formats.topic import Topic
 
 COVARIANCE = (9.0,) * 36
@@ -90,7 +90,7 @@ def test_a_large_bag_takes_little_more_memory_than_its_numbers(tmp_path: Path) -
         pytest.skip("peaks of memory are read from /proc")
     path = tmp_path / "odom.mcap"
     numbers = np.random.default_rng(5).standard_normal((40_000, 85))
-    file = LogFile(path)
+    file = OutputFile(path)
     writer = McapWriter(file, "test")
     writer.begin()
     channel = writer.add_channel(log_channel("/odom", ODOMETRY, ""))

@@ -363,11 +363,11 @@ def wrench_log(path: Path, count: int) -> Path:
     """Return a bag of so many wrenches, of 100 bytes each."""
     from rb_dynamics.formats import cdr
     from rb_dynamics.formats.channel_metadata import log_channel
-    from rb_dynamics.formats.log_file import LogFile
     from rb_dynamics.formats.mcap_writer import McapWriter
     from rb_dynamics.formats.message_types import WRENCH
+    from rb_dynamics.formats.output_file import OutputFile
 
-    file = LogFile(path)
+    file = OutputFile(path)
     writer = McapWriter(file, "test")
     writer.begin()
     channel = writer.add_channel(log_channel("/w", WRENCH, ""))

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from rb_dynamics.formats.log_file import LogFile
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile
 
 
 def edited(
@@ -30,7 +30,7 @@ def edited(
     old = McapFile(source)
     messages = list(old.messages())
     rearrange(messages)
-    file = LogFile(target)
+    file = OutputFile(target)
     writer = McapWriter(file, "test")
     writer.begin()
     numbers = {}

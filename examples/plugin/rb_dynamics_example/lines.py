@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rb_dynamics.formats.log_file import LogFile
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.run.sink import Event, RunInfo, Sample
 
 SECOND_NS = 1_000_000_000
@@ -20,7 +20,7 @@ class Lines:
 
     def open(self, run: RunInfo) -> None:
         """Create the file."""
-        self._file = LogFile(self.path)
+        self._file = OutputFile(self.path)
         self._next_ns = 0
         self._file.write(f"# {run.scene.source}, {run.method}\n".encode())
 

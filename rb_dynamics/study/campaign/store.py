@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.log_file import make_folder
+from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.study.campaign.compatibility import Facts, check_same, facts_of
 from rb_dynamics.study.campaign.lock import lock
 from rb_dynamics.study.campaign.model import Campaign

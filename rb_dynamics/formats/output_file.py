@@ -1,4 +1,4 @@
-"""`LogFile`: a file in which each write succeeds as a whole or fails with a reason, and that can be cut on a full disk.
+"""`OutputFile`: a write succeeds as a whole or fails with a reason, and the file can be truncated on a full disk.
 
 Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
 is replaced once the new one can be opened. `require_other` and `require_apart` stop a command from overwriting its
@@ -33,7 +33,7 @@ def make_folder(path: Path) -> None:
         ) from error
 
 
-class LogFile:
+class OutputFile:
     """One new file, written front to back."""
 
     def __init__(self, path: Path) -> None:

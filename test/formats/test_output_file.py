@@ -8,18 +8,18 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_file import LogFile, move_aside, require_apart, require_other
+from rb_dynamics.formats.output_file import OutputFile, move_aside, require_apart, require_other
 
 
 def test_an_earlier_file_is_replaced_but_not_where_the_new_one_cannot_be_opened(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_text("an earlier one")
-    file = LogFile(path)
+    file = OutputFile(path)
     file.write(b"new")
     file.close()
     assert path.read_bytes() == b"new"
     with pytest.raises(LogError, match=r"cannot write .*run\.mcap"):
-        LogFile(path / "run.mcap")
+        OutputFile(path / "run.mcap")
     assert path.read_bytes() == b"new"
 
 
