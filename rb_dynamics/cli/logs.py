@@ -80,11 +80,11 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     if not logged:
         return []
     from rb_dynamics.sinks.failure_guard import GuardedSink
-    from rb_dynamics.sinks.log_outputs import Logs
+    from rb_dynamics.sinks.log_options import LogOptions
     from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings
 
     settings = LogSettings(FLUSH_S if args.flush is None else args.flush, args.verify, args.accel)
-    logs = Logs(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings, args.sink)
+    logs = LogOptions(args.mcap, args.bag, args.rerun, args.max_bag_size, args.max_bag_duration, settings, args.sink)
     return [GuardedSink(log, _warn, guard_open=False) for log in logs.sinks()]
 
 

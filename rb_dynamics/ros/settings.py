@@ -26,7 +26,7 @@ from rb_dynamics.ros.runner import Mode
 from rb_dynamics.scene import read_scene
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import ROOT_KEYS
-from rb_dynamics.sinks.log_outputs import Logs
+from rb_dynamics.sinks.log_options import LogOptions
 from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings
 
 # name: (default, what it does)
@@ -83,7 +83,7 @@ class Settings:
     topics: Topics
     use_sim_time: bool
     ros_stamps: bool
-    logs: Logs
+    logs: LogOptions
 
 
 def documented() -> list[tuple[str, object, str]]:
@@ -168,7 +168,7 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
         ),
         use_sim_time,
         ros_stamps,
-        Logs(
+        LogOptions(
             _text("mcap", values["mcap"]),
             _text("bag", values["bag"]),
             _text("rerun", values["rerun"]),

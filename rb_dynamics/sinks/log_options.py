@@ -1,4 +1,4 @@
-"""`Logs`: the logs of a run that the command line or the node parameters ask for, and their sinks."""
+"""`LogOptions`: the logs of a run that the command line or the node parameters ask for, and their sinks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Logs:
+class LogOptions:
     """What to write; "" where a log is not asked for.
 
     Attributes:

@@ -12,7 +12,7 @@ from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
-from rb_dynamics.sinks.log_outputs import Logs
+from rb_dynamics.sinks.log_options import LogOptions
 from rb_dynamics.sinks.mcap_sink import LogSettings
 
 SCENE = parse_scene(
@@ -25,8 +25,8 @@ SCENE = parse_scene(
 def test_by_option_and_by_name_a_log_has_the_same_topics_and_messages(tmp_path: Path, log: str) -> None:
     settings = LogSettings(accel=True)
     bound = 0.5 if log == "bag" else 0.0
-    by_option = Logs(**{log: str(tmp_path / "option")}, max_bag_duration=bound, settings=settings)
-    by_name = Logs(max_bag_duration=bound, settings=settings, named=[f"{log}={tmp_path / 'name'}"])
+    by_option = LogOptions(**{log: str(tmp_path / "option")}, max_bag_duration=bound, settings=settings)
+    by_name = LogOptions(max_bag_duration=bound, settings=settings, named=[f"{log}={tmp_path / 'name'}"])
     for logs in (by_option, by_name):
         simulate(SCENE, sinks=logs.sinks("/robot", {"pose": "/elsewhere"}))
     option, name = (list(open_source(tmp_path / each).messages()) for each in ("option", "name"))
@@ -52,7 +52,7 @@ def test_by_option_and_by_name_a_log_has_the_same_topics_and_messages(tmp_path: 
 )
 def test_logs_that_do_not_go_together_are_refused(asked: dict[str, Any], expected: str) -> None:
     with pytest.raises(LogError, match=expected):
-        Logs(**asked)
+        LogOptions(**asked)
 
 
 @pytest.mark.parametrize(
@@ -60,4 +60,4 @@ def test_logs_that_do_not_go_together_are_refused(asked: dict[str, Any], expecte
 )
 def test_a_name_that_is_none_is_said_with_those_that_are(text: str, expected: str) -> None:
     with pytest.raises(LogError, match=expected):
-        Logs(named=[text]).sinks()
+        LogOptions(named=[text]).sinks()
