@@ -15,7 +15,7 @@ from rb_dynamics.analysis.balance import Balance, sizes_of
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
-from rb_dynamics.formats.channel_metadata import is_latched
+from rb_dynamics.formats.mcap_channel import is_latched
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.logs.own_log import logged_scene
 

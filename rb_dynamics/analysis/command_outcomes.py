@@ -12,8 +12,8 @@ from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import RecordedWrench, Track
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats.topic import Topic
-from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 
 
 @dataclass(frozen=True)

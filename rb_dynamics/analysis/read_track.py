@@ -25,8 +25,8 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic import Topic
-from rb_dynamics.loads.channels import Channel
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all

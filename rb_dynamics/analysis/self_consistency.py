@@ -25,8 +25,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.topic import Topic
-from rb_dynamics.loads.channels import Channel, WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds

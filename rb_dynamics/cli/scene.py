@@ -110,7 +110,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     repeated = not args.wrench and is_log(args.scene)
     if not (args.wrench or (repeated and (scene.channels or scene.actuators))):
         return scene, []
-    from rb_dynamics.loads.channels import WrenchChannels
+    from rb_dynamics.loads.wrench_channels import WrenchChannels
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.buoyancy import Buoyancy, Lift, lifted
 from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attracted, time_to_fall
-from rb_dynamics.loads.channels import ChannelBias, ChannelLag
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.load import evaluated
@@ -21,6 +20,7 @@ from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.rotor import Rotor, Spin, reaction
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.wrench_channels import ChannelBias, ChannelLag
 from rb_dynamics.numerics.compilation import compiled_by
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add, norm

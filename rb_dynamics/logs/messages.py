@@ -10,7 +10,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.channel_metadata import qos_profile
+from rb_dynamics.formats.mcap_channel import qos_profile
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.message_types import (
     ACCELERATION,

@@ -23,12 +23,18 @@ from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.formats.log_metadata import INPUTS_RULE
 from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
-from rb_dynamics.loads.channels import AppliedWrench, CheckedWrench, ReceivedWrench, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
+from rb_dynamics.loads.wrench_channels import (
+    AppliedWrench,
+    CheckedWrench,
+    ReceivedWrench,
+    RejectedWrench,
+    WrenchChannels,
+)
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between

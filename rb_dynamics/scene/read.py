@@ -21,10 +21,10 @@ from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.read_body import body_and_frames
-from rb_dynamics.scene.read_channels import channels
 from rb_dynamics.scene.read_devices import devices
 from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
+from rb_dynamics.scene.read_wrenches import channels
 from rb_dynamics.scene.shipped import shipped
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})

@@ -9,8 +9,8 @@ from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.scene.read_channels import topic_in
 from rb_dynamics.scene.read_effects import each_entry
+from rb_dynamics.scene.read_wrenches import topic_in
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
 

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
+from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
@@ -27,8 +27,8 @@ from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
-from rb_dynamics.loads.channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
 from rb_dynamics.logs.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names

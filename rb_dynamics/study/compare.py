@@ -20,7 +20,7 @@ from rb_dynamics.analysis.signals import MotionSignals
 from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.loads.channels import WrenchChannels
+from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED

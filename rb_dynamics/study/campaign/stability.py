@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rb_dynamics.loads.channels import Channel
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.study.campaign.bodies import CHANNEL
