@@ -98,6 +98,8 @@ def fitted(throws: Sequence[Throw], start: float) -> Found:
     result = identify(scene, flights, ["inertia", "gyro_bias", "effects[0].rotation"], starts=1)
     names = [each.name for each in result.parameters]
     rows = [names.index(f"inertia.{'xyz'[j]}{'xyz'[i]}") for i, j in zip(*LOWER, strict=True)]
+    if not all(result.parameters[row].known for row in rows):
+        raise SystemExit(f"{', '.join(throw.name for throw in throws)}: the inertia is not known")
     return Found(np.array(result.body.inertia), result.covariance[np.ix_(rows, rows)])
 
 

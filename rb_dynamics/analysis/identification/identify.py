@@ -409,12 +409,13 @@ class _Report:
             self.covariance, freedom = widened(root_of(self.covariance), bands)
         elif doubtful:
             self.covariance *= DOUBT**2
-        for step in moved:
-            near = np.linalg.solve(self.local, step)
-            self.covariance = self.covariance + np.outer(near, near)
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
         self.unseen = directions[:, values > TOLD**2]
+        # What the recordings tell stays told, with an error that holds what may have moved it.
+        for step in moved:
+            near = np.linalg.solve(self.local, step)
+            self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
             # All that is told is that the scene is not that of the recording: its values stay.
             self.unseen, self.z = directions, np.zeros(len(fit.z))

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.coloured_noise import root_of, widened
 from rb_dynamics.analysis.identification.estimation import Fit, sane, settled, stacked, triangle
-from rb_dynamics.analysis.identification.flights import ACCELERATION, RATES
+from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, RATES
 from rb_dynamics.analysis.identification.parameters import ParameterBlock
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.residuals import fit_bands, residuals_of
@@ -26,6 +26,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import LinearDrag
+from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO
@@ -192,6 +193,8 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
             if not all(each.white for each in residuals_of(model, after, bands)):
                 covariance, freedom = widened(root_of(covariance), bands)
                 of_load = covariance[len(old) :, len(old) :]
+                if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
+                    continue
                 chance = _chance(step[len(old) :], of_load, freedom, len(tried))
                 error = scale * np.sqrt(np.diagonal(of_load))
         names = tuple(block.name for block in blocks)
@@ -259,14 +262,20 @@ def _candidates(model: Model) -> list[Candidate]:
         found.append(Candidate("a linear drag of translation", "N s/m", drag, "", "translation"))
     gyro = any(s.kind == RATES for f in model.flights for s in f.streams)
     if gyro:
-        found += [
-            Candidate("a bias of the gyro", "rad/s", "", "", "gyro_bias"),
-            Candidate("an alignment of the gyro", "rad", "", "", "gyro_alignment"),
-        ]
+        found.append(Candidate("a bias of the gyro", "rad/s", "", "", "gyro_bias"))
+    if gyro and _has_axes(model):
+        found.append(Candidate("an alignment of the gyro", "rad", "", "", "gyro_alignment"))
     found.append(Candidate("a delay", "s", "", "", "delay"))
     found = [each for each in found if each.kind or each.part not in model.fit]
     drags = [i for i, effect in enumerate(model.scene.effects) if isinstance(effect, LinearDrag)]
     return [each for each in found if each.kind != drag or not any(each.key(i) in model.fit for i in drags)]
+
+
+def _has_axes(model: Model) -> bool:
+    """Return whether anything but a gyro and drag knows the axes of the body: without it they are the gyro's."""
+    sensors = any(s.kind in (ATTITUDE, ACCELERATION) for flight in model.flights for s in flight.streams)
+    loads = any(isinstance(effect, (Rotor, ScheduledWrench)) for effect in model.scene.effects)
+    return sensors or loads or any(flight.channels for flight in model.flights)
 
 
 def _with_loads(model: Model, loads: Sequence[Candidate], z: Array) -> tuple[Model, list[str]]:
