@@ -51,6 +51,16 @@ def test_page_is_well_formed_and_self_contained(text: str) -> None:
     assert_self_contained(render_html(example(text)))
 
 
+def test_cells_of_a_wide_table_have_the_heads_of_their_columns_for_a_phone() -> None:
+    for count, wide in ((3, False), (5, True)):
+        heads = ["", *(f"head {k}" for k in range(1, count))]
+        page = render_html(Report("r", "", [Section("s", table=Table(heads, [["name", *map(str, range(1, count))]]))]))
+        root = ElementTree.fromstring(page.removeprefix("<!DOCTYPE html>"))
+        (table,) = root.iter("table")
+        assert ("wide" in table.get("class", "").split()) is wide
+        assert [cell.get("data-head", "") for cell in table.iter("td")] == heads
+
+
 def test_without_plotly_the_page_is_static_and_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     with_it = render_html(example("plain"))
     monkeypatch.setattr(html, "library", lambda: "")

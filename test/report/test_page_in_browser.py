@@ -62,3 +62,27 @@ def test_plots_answer_together(flight: Any, tmp_path: Path) -> None:
     assert len(times) >= 8
     assert said["time"].startswith("t = ")
     assert sum(bool(re.search(r"\d", value)) for value in said["values"]) >= 20
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+def test_tables_fit_a_phone(flight: Any, tmp_path: Path) -> None:
+    import html
+
+    page, outer = tmp_path / "run.html", tmp_path / "phone.html"
+    write_run_report(flight.log, page)
+    told = html.escape(page.read_text(encoding="utf-8"))
+    measure = (
+        "document.body.dataset.said = [...frame.contentDocument.querySelectorAll('table')]"
+        ".map((each) => each.parentElement).filter((each) => each.scrollWidth > each.clientWidth).length"
+    )
+    outer.write_text(
+        f'<body><iframe id="frame" style="width:400px;height:900px" srcdoc="{told}"></iframe>'
+        f'<script>frame.addEventListener("load", () => {{ {measure} }})</script></body>',
+        encoding="utf-8",
+    )
+    options = ["--headless=new", "--no-sandbox", "--window-size=800,1000", "--virtual-time-budget=5000"]
+    assert BROWSER is not None
+    command = [BROWSER, *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", outer.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True).stdout
+    assert re.findall(r'data-said="(\d+)"', shown) == ["0"]
