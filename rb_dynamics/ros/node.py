@@ -64,7 +64,7 @@ from rb_dynamics.ros.settings import (
     scene_overrides,
 )
 from rb_dynamics.ros.start_arguments import shared_parameters
-from rb_dynamics.run.edges_ahead import FEWEST
+from rb_dynamics.run.edge_schedule import FEWEST
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink, StateChange
 from rb_dynamics.run.stop_signals import stop_signals

@@ -45,8 +45,8 @@ from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
-from rb_dynamics.run.edges_ahead import FEWEST, EdgesAhead
-from rb_dynamics.run.event_block import EventBlock
+from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
+from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.provenance import run_metadata
@@ -169,7 +169,7 @@ class Simulation:
         self._arc = self._new_arc(self.plan)
         # Whether the load from `time_ns` on differs from that in `_arc`.
         self._stale = False
-        self._ahead = EdgesAhead(self._channels, scene.body, self._period_ns or (1, 1))
+        self._edge_schedule = EdgeSchedule(self._channels, scene.body, self._period_ns or (1, 1))
 
     def _catch_up(self, past: Past) -> bool:
         """Compute `past`, and go on from it; else begin anew, with what is held. Return whether it could go on."""
@@ -395,7 +395,7 @@ class Simulation:
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         # One for after the end stays, too: see `hasten`.
         self._channels.take(command, time_ns)
-        self._ahead.forget()
+        self._edge_schedule.forget()
         self.clipped += command.clipped
 
     def actuate(self, topic: str, value: float, time_ns: int = 0) -> bool:
@@ -445,7 +445,7 @@ class Simulation:
             except WrenchError as error:
                 rejected.append(_rejection(topic, time_ns, error))
         self._channels.extend(table)
-        self._ahead.forget()
+        self._edge_schedule.forget()
         return rejected
 
     def post_in_order(self, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
@@ -473,7 +473,7 @@ class Simulation:
 
         Of each channel's commands that would have acted before now the newest acts now, and the others never.
         """
-        self._ahead.forget()
+        self._edge_schedule.forget()
         return self._channels.hasten(by_ns, self._computed_ns)
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
@@ -560,21 +560,21 @@ class Simulation:
         """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
         # The last edge has more to it; and where this does not work, all are taken one by one.
         self._one_by_one_ns = until_ns
-        few = self._period_ns is None or self._ahead.count(self.time_ns, until_ns) < FEWEST
+        few = self._period_ns is None or self._edge_schedule.count(self.time_ns, until_ns) < FEWEST
         if few or self._goes_edge_by_edge:
             return False
         horizon_ns = until_ns if self.end_ns is None else self.end_ns - 1
         if self._knots:
             horizon_ns = min(horizon_ns, self._knots[0] - 1)
             self._one_by_one_ns = min(until_ns, self._knots[0])
-        count = self._ahead.count(self.time_ns, min(until_ns, horizon_ns))
+        count = self._edge_schedule.count(self.time_ns, min(until_ns, horizon_ns))
         if count < FEWEST or not pays(count):
             return False
-        edges = self._ahead.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
+        edges = self._edge_schedule.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
         found = None if edges is None else self.plan.propagate(self._arc, edges)
         if edges is None or found is None:
             if edges is None:
-                self._one_by_one_ns = min(until_ns, self._ahead.known_ns)
+                self._one_by_one_ns = min(until_ns, self._edge_schedule.known_ns)
             return False
         before = self._arc.methods
         self._arc, propagated = found
@@ -603,7 +603,7 @@ class Simulation:
             self._channels.skip(self.time_ns)
             return
         rows = np.ascontiguousarray(propagated.looks[: len(looks)].T)
-        block = EventBlock.of(
+        block = EventArrays.of(
             self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns)
         )
         self._inputs.update_all(block.changes)

@@ -124,7 +124,7 @@ Event = (
 class Sink(Protocol):
     """Receives the events of a run: one `open`, then `write` in order of time, then one `close`.
 
-    A sink that also has `write_block(block)`, see `run/event_block.py`, takes samples and changes of the wrench by the
+    A sink that also has `write_block(block)`, see `run/event_arrays.py`, takes samples and changes of the wrench by the
     thousand where the run knows them ahead; to the others they come one by one. `write_block` may be None.
     """
 

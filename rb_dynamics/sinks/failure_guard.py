@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.run.event_block import EventBlock
+from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 
 
@@ -40,9 +40,9 @@ class GuardedSink:
             self._try(lambda: self._sink.write(event))
 
     @property
-    def write_block(self) -> Callable[[EventBlock], None] | None:
+    def write_block(self) -> Callable[[EventArrays], None] | None:
         """Pass many events on, if the sink takes many at once."""
-        write_block: Callable[[EventBlock], None] | None = getattr(self._sink, "write_block", None)
+        write_block: Callable[[EventArrays], None] | None = getattr(self._sink, "write_block", None)
         if write_block is None:
             return None
         taken = write_block

@@ -54,7 +54,7 @@ from rb_dynamics.logs.messages import (
     sample_topics,
 )
 from rb_dynamics.numerics.nanoseconds import split_stamp
-from rb_dynamics.run.event_block import EventBlock
+from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
     ActuatorCommand,
@@ -171,7 +171,7 @@ class McapSink:
         self._guarded(self._log, event)
 
     @property
-    def write_block(self) -> Callable[[EventBlock], None] | None:
+    def write_block(self) -> Callable[[EventArrays], None] | None:
         """Log many events, to the same bytes as one by one; None where the acceleration is asked for, of each sample.
 
         Raises:
@@ -273,7 +273,7 @@ class McapSink:
             facts = {"epoch_ns": event.epoch_ns, "from_time_ns": event.time_ns}
             self._writer.add_metadata(EPOCH, {name: str(value) for name, value in facts.items()})
 
-    def _log_block(self, block: EventBlock) -> None:
+    def _log_block(self, block: EventArrays) -> None:
         import numpy as np
 
         changes, times = block.changes, cast("Times", block.samples.time_ns)

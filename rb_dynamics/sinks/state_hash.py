@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from rb_dynamics.run.event_block import EventBlock
+    from rb_dynamics.run.event_arrays import EventArrays
 
 _RECORD = struct.Struct("<q28d")
 
@@ -105,7 +105,7 @@ class HashSink:
         if isinstance(event, Sample):
             self._states.update(event)
 
-    def write_block(self, block: EventBlock) -> None:
+    def write_block(self, block: EventArrays) -> None:
         """Add samples."""
         self._states.update_all(hashed_rows(block.samples))
 

@@ -73,7 +73,7 @@ from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.number_parsing import whole_number
 from rb_dynamics.numerics.vector import ZERO
-from rb_dynamics.run.event_block import EventBlock
+from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.input_hash import RULE, AppliedHash
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo, Sample, StateChange
@@ -418,11 +418,11 @@ class _Comparison:
         self._hold(TOPICS, "names", {"names": ", ".join(sorted(named))}, {"names": ", ".join(sorted(topics))})
 
     @property
-    def write_block(self) -> Callable[[EventBlock], None] | None:
+    def write_block(self) -> Callable[[EventArrays], None] | None:
         """Compare the messages of many events; None where each sample has its acceleration in the log."""
         return None if self._encode_block is None else self._compare_block
 
-    def _compare_block(self, block: EventBlock) -> None:
+    def _compare_block(self, block: EventArrays) -> None:
         assert self._encode_block is not None
         times, samples, hashed = cast("Any", block.samples.time_ns), block.samples, hashed_rows(block.samples)
         messages = [(rows.tobytes(), rows.shape[1]) for rows in self._encode_block(samples, times)]
@@ -726,7 +726,7 @@ class _Comparison:
 class _ChangesAsLogged:
     """The messages that the changes of a block have in the log."""
 
-    def __init__(self, block: EventBlock, names: Mapping[str, str]) -> None:
+    def __init__(self, block: EventArrays, names: Mapping[str, str]) -> None:
         changes = self._changes = block.changes
         self.block = block
         self._topics = [(names.get(topic, ""), names[topic + APPLIED]) for topic in changes.topics]

@@ -1,4 +1,4 @@
-"""`EventBlock`: what happens at many edges of a run, as arrays, for sinks that take many events at once."""
+"""`EventArrays`: what happens at many edges of a run, as arrays, for sinks that take many events at once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 
-class EventBlock(NamedTuple):
+class EventArrays(NamedTuple):
     """Samples and changes of the wrench.
 
     Attributes:
@@ -33,7 +33,7 @@ class EventBlock(NamedTuple):
     order: Whole
 
     @classmethod
-    def of(cls, samples: Sample, changes: Changes) -> EventBlock:
+    def of(cls, samples: Sample, changes: Changes) -> EventArrays:
         """Return both; at equal times the sample comes first."""
         import numpy as np
 

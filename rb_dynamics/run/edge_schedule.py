@@ -1,4 +1,4 @@
-"""`EdgesAhead`: the edges of a run that are known ahead: outputs, and the changes that a table of commands makes."""
+"""`EdgeSchedule`: the edges of a run that are known ahead: outputs, and the changes that a table of commands makes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FEWEST = 8
 _MANY = 1_000
 
 
-class EdgesAhead:
+class EdgeSchedule:
     """The next edges of one run, looked up in blocks.
 
     Attributes:
