@@ -11,7 +11,7 @@ Conventions, kept everywhere:
 The data takes one way: a scene is read and compiled to the least model that moves it (`scene`), advanced by one engine
 (`run`), and what happens goes to sinks (`sinks`, `ros`). Each part imports only those before it: `errors`,
 `plugins`, `numerics`, `formats`, `body`, `loads`, `sensors`, `motion`, `theory`, `scene`, `run`, `logs`, `sinks`,
-`analysis`, `study`, `report`, `ros`, `cli`.
+`conversion`, `analysis`, `study`, `report`, `ros`, `cli`.
 Nothing is imported before it is used: neither optional libraries nor, on `import rb_dynamics`, the modules behind its
 names.
 """

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from rb_dynamics.sinks.convert import Window, Written
-    from rb_dynamics.sinks.convert_bag import Poses, Skip
+    from rb_dynamics.conversion.convert import Window, Written
+    from rb_dynamics.conversion.convert_bag import Poses, Skip
 
 _TABLES = (("log", ".csv"), ("log", ".parquet"))
 
@@ -63,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
     """Convert; exit code 0, or 1 if a log of several or a message could not be read."""
     from pathlib import Path
 
+    from rb_dynamics.conversion import convert
     from rb_dynamics.errors import LogError
-    from rb_dynamics.sinks import convert
 
     sources, target = [Path(source) for source in args.source], Path(args.target)
     source, bad = sources[0], list[Path]()
@@ -125,7 +125,7 @@ def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str
 
 
 def _merged(sources: Sequence[Path], target: Path, window_s: Window) -> Written:
-    from rb_dynamics.sinks.convert import Written, merge_bags
+    from rb_dynamics.conversion.convert import Written, merge_bags
     from rb_dynamics.study.resume import whole_run
 
     if len(sources) > 1 and window_s == (None, None) and (samples := whole_run(sources, target)) is not None:
@@ -141,10 +141,10 @@ def _poses(
 ) -> Iterator[tuple[Path, Poses]]:
     """Yield the poses of one frame in another in each bag; of several, those without them are left out."""
     from rb_dynamics.analysis.transform_tree import pose_between
+    from rb_dynamics.conversion.convert_bag import Poses
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.log_metadata import RUN
     from rb_dynamics.logs.bag_reader import read_bag
-    from rb_dynamics.sinks.convert_bag import Poses
 
     found = False
     for number, path in enumerate(sources):

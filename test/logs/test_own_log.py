@@ -8,10 +8,10 @@ import pytest
 from edited_logs import edited
 
 from rb_dynamics import parse_scene, simulate
+from rb_dynamics.conversion.convert import log_to_rerun, to_table
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.sinks.convert import log_to_rerun, to_table
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 

@@ -17,6 +17,7 @@ from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.cli import main
+from rb_dynamics.conversion.convert import to_table
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
@@ -28,7 +29,6 @@ from rb_dynamics.logs.messages import decode_wrench
 from rb_dynamics.logs.own_log import logged_scene, scene_and_names
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
-from rb_dynamics.sinks.convert import to_table
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
 from rb_dynamics.study.replay import Replay, replay

@@ -16,6 +16,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rb_dynamics.conversion.convert_bag import (
+    ORIENTATION,
+    POSITION,
+    Poses,
+    Skip,
+    Span,
+    columns_of,
+    quantities_of,
+    table_of,
+)
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
@@ -37,7 +47,6 @@ from rb_dynamics.numerics.number_parsing import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sinks.convert_bag import ORIENTATION, POSITION, Poses, Skip, Span, columns_of, quantities_of, table_of
 
 _logger = logging.getLogger(__name__)
 
@@ -268,7 +277,7 @@ def log_to_rerun(
         LogError: `log` has nothing to show, or `target` is `log` itself or cannot be written.
         MissingExtraError: rerun-sdk is not installed.
     """
-    from rb_dynamics.sinks.rerun_bag import bag_to_rerun
+    from rb_dynamics.conversion.rerun_bag import bag_to_rerun
     from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_other(target, log)

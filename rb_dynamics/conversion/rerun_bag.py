@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.conversion.convert_bag import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.output_file import make_folder, require_other
 from rb_dynamics.sinks.appearance import BLUE, GREEN, GREY, RED
-from rb_dynamics.sinks.convert_bag import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
 from rb_dynamics.sinks.thinning import Polyline
 
 if TYPE_CHECKING:

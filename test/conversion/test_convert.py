@@ -9,10 +9,10 @@ import pytest
 from command_line import command
 
 from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics.conversion.convert import log_to_rerun, log_to_scene, table_to_bag, to_table
 from rb_dynamics.errors import LogError
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
-from rb_dynamics.sinks.convert import log_to_rerun, log_to_scene, table_to_bag, to_table
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.sinks.state_hash import HashSink

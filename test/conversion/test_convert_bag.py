@@ -26,6 +26,10 @@ from hypothesis import strategies as st
 from rb_dynamics.analysis.inspection import inspect
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.cli import main
+from rb_dynamics.conversion import convert_bag
+from rb_dynamics.conversion.convert import to_table
+from rb_dynamics.conversion.convert_bag import FORCE, QUANTITIES, TORQUE, table_of
+from rb_dynamics.conversion.rerun_bag import bag_to_rerun
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
@@ -35,11 +39,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene import parse_scene
-from rb_dynamics.sinks import convert_bag
-from rb_dynamics.sinks.convert import to_table
-from rb_dynamics.sinks.convert_bag import FORCE, QUANTITIES, TORQUE, table_of
 from rb_dynamics.sinks.mcap_sink import McapSink
-from rb_dynamics.sinks.rerun_bag import bag_to_rerun
 from rb_dynamics.study.compare import compare
 
 G = "geometry_msgs/msg/"
