@@ -79,7 +79,7 @@ def _inertia(model: Model) -> Array | None:
         values, axes = np.linalg.eigh(scale)
         root = axes / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
         part = balance[:, :6] - balance[:, 6:] @ np.linalg.lstsq(balance[:, 6:], balance[:, :6], rcond=None)[0]
-        six = root @ np.linalg.svd(part @ root)[2][-1]
+        six = root @ np.linalg.svd(part @ root, full_matrices=False)[2][-1]
         six *= model.inertia.trace / six[:3].sum()
     second = 0.5 * six[:3].sum() * np.eye(3)
     for (i, j), value in zip(PLACES, six, strict=True):

@@ -1,0 +1,31 @@
+"""The first guess of a fit: from balances of momentum, with the memory of its recording."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from identified_flights import flown, guess, random_body
+
+from rb_dynamics.analysis.identification.first_guess import first_guess
+from rb_dynamics.analysis.identification.prediction import Model
+
+
+def test_a_long_tumble_is_guessed_at_without_memory_that_grows_with_its_square() -> None:
+    """An hour at 100 Hz asked for 77 GiB."""
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    flight = flown(body, random, seconds=20.0, spin=(9.0, 12.0, -15.0), gyro=1e-3)
+    model = Model(guess(body), [flight], ("inertia_ratios",))
+    tracemalloc.start()
+    try:
+        found = first_guess(model)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found is not None
+    ratios = np.sort(model.body(found).inertia.diagonal()) / np.trace(model.body(found).inertia)
+    truth = np.sort(np.diagonal(body.inertia)) / np.trace(body.inertia)
+    assert ratios == pytest.approx(truth, abs=0.02)
+    assert peak < 20e6
