@@ -8,12 +8,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.commutator_free import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
 from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
 from rb_dynamics.motion.dop853 import DOP853
 from rb_dynamics.motion.dverk import DVERK
-from rb_dynamics.motion.exact import EXACT
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.motion.moser_veselov import DMV82, DMV104, DMV864

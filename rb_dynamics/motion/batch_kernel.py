@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import dlm, exact, fixed_step_kernel, midpoint, rk4
+from rb_dynamics.motion import closed_form, dlm, fixed_step_kernel, midpoint, rk4
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -364,9 +364,9 @@ def _free_step(
     load: Load | None = None,  # noqa: ARG001
 ) -> Increment:
     """Take a step of `exact`, for free motion only."""
-    if not (exact.is_free(held) and norm(angular_velocity) * abs(h) < LARGEST_FREE_TURN):
+    if not (closed_form.is_free(held) and norm(angular_velocity) * abs(h) < LARGEST_FREE_TURN):
         return _no_free_motion()
-    return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
+    return closed_form.free_step(inertia, held, h, velocity, orientation, angular_velocity)
 
 
 _COMPILED_STEPS: dict[str, Step] = {"exact": _free_step}

@@ -10,7 +10,7 @@ from rb_dynamics.loads.compiled_load import NO_EFFECTS
 from rb_dynamics.loads.wrench import HeldWrench, held_of
 from rb_dynamics.motion import propagation_kernel as layout
 from rb_dynamics.motion.adaptive_kernel import strides_by
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kernel
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.method import Inertia, Method

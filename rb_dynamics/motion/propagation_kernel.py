@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.compiled_load import has_effects
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import exact, planar_motion
+from rb_dynamics.motion import closed_form, planar_motion
 from rb_dynamics.motion.adaptive_kernel import FOREVER
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
@@ -107,7 +107,7 @@ def propagate(
             closed = (
                 w[MAY_CLOSE] != 0
                 and not has_effects(f)
-                and exact.has_closed_form(following, here.orientation, here.angular_velocity)
+                and closed_form.has_closed_form(following, here.orientation, here.angular_velocity)
             )
             if w[MAY_CLOSE] != 0 and not closed and driven & (driven - 1) == 0:
                 return CHOOSE
@@ -241,8 +241,8 @@ def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
     velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
     q, omega = phase.orientation, phase.angular_velocity
     axis = planar_motion.fixed_axis(held, q, omega)
-    if exact.is_free(held):
-        step = exact.free_step(inertia, held, h, velocity, q, omega)
+    if closed_form.is_free(held):
+        step = closed_form.free_step(inertia, held, h, velocity, q, omega)
     elif axis >= 0:
         step = planar_motion.advance(inertia, held, h, velocity, q, omega, axis)
     else:

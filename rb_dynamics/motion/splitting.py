@@ -15,7 +15,7 @@ from typing import NamedTuple
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import exact
+from rb_dynamics.motion import closed_form
 from rb_dynamics.motion.composition import KAHAN_LI6
 from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
@@ -275,11 +275,11 @@ def method(
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> Increment:
-        if load is None and exact.is_free(held):
+        if load is None and closed_form.is_free(held):
             rate = norm(angular_velocity)
             if not rate * abs(h) < _LARGEST_TURN_WITHOUT_KICKS:
                 return _no_kicks(name, h, rate)
-            return exact.free_step(inertia, held, h, velocity, orientation, angular_velocity)
+            return closed_form.free_step(inertia, held, h, velocity, orientation, angular_velocity)
         return advance(name, flow, stages, inertia, held, h, velocity, orientation, angular_velocity, load)
 
     step.__doc__ = f"""Advance by kicks and {free_motion}: {scheme}.
@@ -291,7 +291,7 @@ def method(
     Raises:
         ConvergenceError: the body turns so far between two kicks that they miss what the wrench does.
     """
-    return Method(name, order, exact.EXACT.invariants, step, takes=LoadDependence.FIELD, compiles=True)
+    return Method(name, order, closed_form.EXACT.invariants, step, takes=LoadDependence.FIELD, compiles=True)
 
 
 _GAUSS = (math.sqrt(525.0 - 70.0 * math.sqrt(30.0)) / 70.0, math.sqrt(525.0 + 70.0 * math.sqrt(30.0)) / 70.0)

@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method
 from rb_dynamics.motion.arc import Arc, LoadFrom, LoadScales, OfPhase, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
-from rb_dynamics.motion.exact import EXACT, has_closed_form, is_free
+from rb_dynamics.motion.closed_form import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
 from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
 from rb_dynamics.motion.propagation_kernel import CHANGE

@@ -20,7 +20,7 @@ from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS

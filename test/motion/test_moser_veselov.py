@@ -14,7 +14,7 @@ from word_series import measured_orders
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.moser_veselov import _DENOMINATORS, DMV82, DMV104, DMV864, _preprocessing, flow

@@ -15,7 +15,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
-from rb_dynamics.motion.exact import EXACT, has_closed_form
+from rb_dynamics.motion.closed_form import EXACT, has_closed_form
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.motion.planar_motion import fixed_axis
 from rb_dynamics.motion.step_control import OwnControl, WholeArc

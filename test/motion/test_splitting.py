@@ -14,7 +14,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, splitting
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES

@@ -19,7 +19,7 @@ from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import takes_compiled
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import SHORTEST, Excerpt

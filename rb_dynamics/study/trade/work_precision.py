@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.exact import EXACT
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import longest_in_plain
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.vector import norm
