@@ -27,13 +27,13 @@ def run(args: argparse.Namespace) -> int:
         # The run comes first.
         os.nice(19)
     from rb_dynamics.errors import MissingExtraError, RigidBodyError
-    from rb_dynamics.motion.every_kernel import every_kernel, usual_kernels
     from rb_dynamics.motion.fixed_step_kernel import Tally
+    from rb_dynamics.motion.kernels import all_kernels, usual_kernels
     from rb_dynamics.numerics.compilation import available, cache_folder, is_cached, keep_failure
 
     if not available():
         raise MissingExtraError("numba", "fast", "rb-dynamics compile")
-    kernels = every_kernel() if args.all or args.names or args.beside else usual_kernels()
+    kernels = all_kernels() if args.all or args.names or args.beside else usual_kernels()
     if unknown := sorted(set(args.names) - kernels.keys()):
         raise RigidBodyError(f"found kernels {unknown}, expected some of {', '.join(kernels)}; name some of these")
     tally, failed = Tally(), 0

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.cli import main
-from rb_dynamics.motion.every_kernel import every_kernel, usual_kernels
+from rb_dynamics.motion.kernels import all_kernels, usual_kernels
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
 
@@ -28,8 +28,8 @@ def test_compiles_what_it_is_told(
     assert "found kernels ['_nothing'], expected some of _no_strides, propagate" in capsys.readouterr().err
 
 
-def test_every_kernel_has_a_name_of_its_own() -> None:
-    usual, every = usual_kernels(), every_kernel()
+def test_each_kernel_has_its_own_name() -> None:
+    usual, every = usual_kernels(), all_kernels()
 
     named = {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853", "_run_on_numbers_dlm6_with_effects"}
     assert named <= usual.keys() < every.keys()

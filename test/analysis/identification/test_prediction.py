@@ -23,8 +23,8 @@ from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.motion import variational_equations
-from rb_dynamics.motion.every_kernel import usual_kernels
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.motion.kernels import usual_kernels
 from rb_dynamics.numerics.compilation import available
 
 SCENE = """

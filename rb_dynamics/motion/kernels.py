@@ -24,7 +24,7 @@ def usual_kernels() -> dict[str, OnDemand]:
     return _by_name([NO_STRIDES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
-def every_kernel() -> dict[str, OnDemand]:
+def all_kernels() -> dict[str, OnDemand]:
     """Return all that there are, those of plug-ins included."""
     methods = METHODS.usable()
     others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m)))
