@@ -26,9 +26,9 @@ from rb_dynamics.study.campaign.bodies import (
     turn_of,
 )
 from rb_dynamics.study.campaign.control import ControlLoop, check_values, delay_ns
+from rb_dynamics.study.campaign.control_inputs import OnboardValues
 from rb_dynamics.study.campaign.metrics import MetricAccumulator
 from rb_dynamics.study.campaign.model import Campaign
-from rb_dynamics.study.campaign.onboard import OnboardValues
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import FunctionError

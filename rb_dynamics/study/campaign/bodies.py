@@ -29,7 +29,7 @@ from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.onboard import NewestMeasurements, OnboardValues
+from rb_dynamics.study.campaign.control_inputs import NewestMeasurements, OnboardValues
 
 if TYPE_CHECKING:
     import numpy as np

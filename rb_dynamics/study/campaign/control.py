@@ -20,9 +20,9 @@ from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
+from rb_dynamics.study.campaign.control_inputs import OnboardValues
 from rb_dynamics.study.campaign.laws import LAWS, LawInput, Parameters, RandomStreams
 from rb_dynamics.study.campaign.model import Campaign, Control
-from rb_dynamics.study.campaign.onboard import OnboardValues
 from rb_dynamics.study.campaign.sampling import LAW, NOISE, generator
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function

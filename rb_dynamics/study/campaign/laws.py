@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from rb_dynamics.study.campaign.onboard import OnboardValues
+from rb_dynamics.study.campaign.control_inputs import OnboardValues
 
 if TYPE_CHECKING:
     import numpy as np
