@@ -24,7 +24,7 @@ from rb_dynamics.numerics.option_types import real
 if TYPE_CHECKING:
     from rb_dynamics.analysis.read_track import TopicChoice
     from rb_dynamics.analysis.window import Window
-    from rb_dynamics.cli.many import Row
+    from rb_dynamics.cli.batch import Row
     from rb_dynamics.numerics.rotation import Quaternion
 
 HELP = "analyse a recorded run"
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.analysis.checks import BOUND
     from rb_dynamics.analysis.inspection import inspect
     from rb_dynamics.cli import output
-    from rb_dynamics.cli.many import logs_of, report
+    from rb_dynamics.cli.batch import logs_of, report
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
     from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
@@ -153,7 +153,7 @@ def _row(
     from pathlib import Path
 
     from rb_dynamics.analysis.inspection import inspect
-    from rb_dynamics.cli.many import FAILED, PASSED, Row
+    from rb_dynamics.cli.batch import FAILED, PASSED, Row
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import verify_bag
 

@@ -17,7 +17,7 @@ from rb_dynamics.cli.parser import add_many, require_ros, require_with
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
-    from rb_dynamics.cli.many import Row
+    from rb_dynamics.cli.batch import Row
     from rb_dynamics.study.replay import Replay
 
 HELP = "run a log again and compare bit for bit, or publish it"
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     from functools import partial
 
     from rb_dynamics.cli import output
-    from rb_dynamics.cli.many import logs_of, report
+    from rb_dynamics.cli.batch import logs_of, report
     from rb_dynamics.formats.output_file import require_other
 
     require_with(args, "--rate", args.rate is not None, "--into ros", args.into)
@@ -80,7 +80,7 @@ _COLUMNS = ("samples", "commands", "relative")
 
 def _row(log: str, *, bound: float) -> Row:
     """Return what is said of one of several logs."""
-    from rb_dynamics.cli.many import FAILED, PASSED, Row
+    from rb_dynamics.cli.batch import FAILED, PASSED, Row
     from rb_dynamics.study.replay import replay
 
     found = replay(log)

@@ -12,7 +12,7 @@ from deadly_work import deadly
 from edited_logs import edited
 
 from rb_dynamics import LogError, parse_scene, simulate
-from rb_dynamics.cli.many import ERROR, PASSED, each_of, logs_of
+from rb_dynamics.cli.batch import ERROR, PASSED, each_of, logs_of
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 2, 0.1]}\nduration: 1\n"
