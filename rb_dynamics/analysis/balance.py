@@ -109,8 +109,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     if not len(series.time_ns) or not track.acted:
         return None
     impulse = impulses(track, kind, series.time_ns)
-    total = np.cumsum(impulse.exact, axis=0)
-    largest = max(float(sizes_of(each).max()) for each in (series.values, total))
+    largest = max(float(sizes_of(series.values).max()), _largest_sum(impulse.exact))
     scale = max(largest, _moved(track) if name == "linear momentum" else 0.0)
     least_first = np.argsort(impulse.error, kind="stable")
     good = np.zeros(len(least_first), dtype=bool)
@@ -118,12 +117,14 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     moved = _moved_by_others(track, series.time_ns)
     good &= ~moved
     by_quadrature = float(impulse.error[good].sum())
+    del least_first
     # In place: a long log has millions of rows.
     impulse.turning[~good] = 0.0
-    total = np.cumsum(np.add(impulse.exact, impulse.turning, out=total), axis=0, out=total)
     measured = _measured(impulse, good, kind, by_quadrature, unit)
     steps = None if track.own else wander(track, impulse, series.time_ns)
+    total = np.add(impulse.exact, impulse.turning, out=impulse.exact)
     del impulse
+    np.cumsum(total, axis=0, out=total)
     np.subtract(series.values, total, out=total)
     defect, covered, noise = _from_start(total, good, series.time_ns, track.own, steps)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
@@ -131,6 +132,15 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
         rest += ", or the body was moved from outside (set_state)"
     basis = _basis(measured, covered, rest)
     return Balance(name, unit, series.time_ns, defect, covered, scale, basis, noise)
+
+
+def _largest_sum(rows: Array) -> float:
+    """Return the largest size of the sum of the first rows, of however many; in blocks, as there are millions."""
+    largest, total = 0.0, np.zeros((1, 3))
+    for first in range(0, len(rows), _BLOCK):
+        sums = np.cumsum(np.concatenate([total, rows[first : first + _BLOCK]]), axis=0)
+        largest, total = max(largest, float(sizes_of(sums).max())), sums[-1:]
+    return largest
 
 
 def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:

@@ -168,20 +168,18 @@ def _momenta_errors(
 
     In blocks, for what is computed of a long log takes more memory than the log.
     """
-    found = {kind: [(np.empty(0, np.int64), np.empty(0))] for kind in logged}
+    found = {kind: np.zeros(len(series.time_ns)) for kind, series in logged.items()}
     bounds = [*pose.time_ns[::_BLOCK].tolist(), np.iinfo(np.int64).max]
     for begin, end in itertools.pairwise(bounds):
         one, other = (_within(series, begin, end) for series in (pose, twist))
         computed = momenta(one, other, track.twist_in_world, body)
         for kind, series in logged.items():
             part = _within(series, begin, end)
-            times, here, there = np.intersect1d(part.time_ns, computed.time_ns, return_indices=True)
+            _, here, there = np.intersect1d(part.time_ns, computed.time_ns, return_indices=True)
             rest = part.values[here] - getattr(computed, kind)[there]
-            found[kind].append((times, sizes_of(rest) if rest.ndim == 2 else np.abs(rest)))
-    return {
-        kind: (np.concatenate([t for t, _ in parts]), np.concatenate([e for _, e in parts]))
-        for kind, parts in found.items()
-    }
+            first = int(np.searchsorted(series.time_ns, begin))
+            found[kind][first + here] = sizes_of(rest) if rest.ndim == 2 else np.abs(rest)
+    return {kind: (logged[kind].time_ns, errors) for kind, errors in found.items()}
 
 
 def _within(series: TimeSeries, begin_ns: int, end_ns: int) -> TimeSeries:
