@@ -55,15 +55,16 @@ def main() -> None:
         stream = flight.streams[0]
         seconds, fastest = stream.time_ns[-1] * 1e-9, np.linalg.norm(stream.values, axis=1).max()
         shares = moments / moments[-1]
-        if left.rms < GOOD:
-            good += 1
+        known = all(each.known for each in found.parameters if each.name.startswith("inertia_ratios"))
+        good += left.rms < GOOD
+        if left.rms < GOOD and known:
             ratios.append(shares)
-        shown = ", ".join(f"{share:.4f}" for share in shares)
+        shown = ", ".join(f"{share:.4f}" for share in shares) if known else "not told"
         name, agree = flight.name, f"{found.agreeing} of {found.starts}"
         print(f"| {name} | {seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {shown} | {agree} |", flush=True)
     spread = np.std(ratios, axis=0) / np.mean(ratios, axis=0)
-    print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; between them the ratios spread by")
-    print(", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
+    print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; the ratios of {len(ratios)} spread")
+    print("by " + ", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
 
 
 if __name__ == "__main__":
