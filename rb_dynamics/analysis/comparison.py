@@ -548,7 +548,7 @@ def _unknown_body(a: Given, b: Given) -> list[str]:
     if not unknown:
         return []
     which = f"{' and '.join(unknown)} {'have' if unknown[1:] else 'has'} none"
-    return [f"Mass properties are not compared: {which}. A scene says them: --scene SCENE."]
+    return [f"Mass properties are not compared: {which}. Give them by a scene: --scene SCENE."]
 
 
 def _frames(a: Track, b: Track) -> list[str]:

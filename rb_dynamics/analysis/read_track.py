@@ -117,8 +117,8 @@ class _TrackReader:
         if unlogged := facts.get("effects_not_logged_as_wrench", ""):
             acted = False
             self.notes.append(
-                f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not judged; energy "
-                "is, as the run booked their work."
+                f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not checked; "
+                "energy is, with the work that the run recorded."
             )
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
@@ -416,8 +416,8 @@ class _TrackReader:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
         if topics and not (own or applied):
             self.notes.append(
-                "The bag says what was commanded, not what acted: each wrench is taken to act from its stamp until the "
-                "next of its topic, and nothing else to act."
+                "The bag says what was commanded, not what acted: each wrench is assumed to act from its stamp until "
+                "the next of its topic, and nothing else is assumed to act."
             )
         chosen = applied if (own or applied) and not asked else topics
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}

@@ -109,11 +109,11 @@ def written(name: str) -> str:
 
 
 def written_page(name: str) -> str:
-    """Return what to say of a page with figures that is done, and whether they answer when touched."""
+    """Return what to say of a page with figures that is done, and whether they are interactive."""
     from rb_dynamics.report.interactive_plots import EXTRA, library
 
-    touched = f"pip install 'rb_dynamics[{EXTRA}]', or '.[{EXTRA}]' in the source tree, makes them answer when touched"
-    return written(name) + ("" if library() else f"; its figures are pictures: {touched}")
+    interactive = f"pip install 'rb_dynamics[{EXTRA}]', or '.[{EXTRA}]' in the source tree, makes them interactive"
+    return written(name) + ("" if library() else f"; its figures are pictures: {interactive}")
 
 
 def note_coasting(scene: Scene) -> None:

@@ -138,7 +138,7 @@ def _report(found: Replay, bound: float) -> list[str]:
     lines += [f"{topic}: {count} {what}: not compared" for (topic, what), count in found.uncompared.items()]
     lines += _facts(found)
     if found.unchecked:
-        lines.append(f"not checked, as no run gives them: {', '.join(sorted(found.unchecked))}")
+        lines.append(f"not checked, because a replay does not reproduce them: {', '.join(sorted(found.unchecked))}")
     if found.proven_ns is not None and not found.complete:
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
     if found.software and found.corrupt:

@@ -64,7 +64,7 @@ def wheel_speeds(wheels: Sequence[tuple[str, Array, Array, float]]) -> Picture:
 
 
 def sensor_errors(panels: Sequence[tuple[str, Array, Array]]) -> Picture:
-    """Return measured less true: title with unit, times (s), rows of x, y, z."""
+    """Return measured minus true: title with unit, times (s), rows of x, y, z."""
     shown = [Panel(title, components(time_s, rows)) for title, time_s, rows in panels]
     return draw(shown, "Errors of the sensors over time")
 

@@ -193,7 +193,7 @@ def latency_rows(summary: RunSummary) -> list[list[str]]:
 
 def wheel_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: the speeds of reaction wheels; empty without wheels."""
-    rows = [["", "first [rad/s]", "last", "largest", "of max_speed", "at it for [s]"]]
+    rows = [["", "first [rad/s]", "last", "largest", "of max_speed", "at limit [s]"]]
     for each in summary.onboard.wheels:
         limited = math.isfinite(each.max_speed)
         limit = [f"{100.0 * each.largest / each.max_speed:.3g} %", _short(each.at_limit_s)] if limited else ["", ""]
@@ -219,7 +219,7 @@ def actuator_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def sensor_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: measured less true, about each axis; empty where nothing can be compared."""
+    """Return header and rows: measured minus true, about each axis; empty where nothing can be compared."""
     rows = [["", "", "x", "y", "z"]]
     for each in summary.onboard.sensors:
         for what, values in (("mean", each.mean), ("standard deviation", each.deviation)):
@@ -231,7 +231,7 @@ def sensor_rows(summary: RunSummary) -> list[list[str]]:
 def sensor_note(summary: RunSummary) -> str:
     """Return what the errors of sensors are computed from."""
     counts = {each.name: f"{each.compared} of {each.count} of {each.name}" for each in summary.onboard.sensors}
-    return f"Measured less true, in the samples that were taken at an output: {', '.join(counts.values())}."
+    return f"Measured minus true, over the samples that fall on an output: {', '.join(counts.values())}."
 
 
 def histogram(latency: CommandLatency) -> list[str]:

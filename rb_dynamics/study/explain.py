@@ -316,7 +316,7 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
     absent = [kind for kind in EFFECTS.own if kind not in listed]
     if absent:
         items.append(f"{', '.join(absent)}: not listed in effects")
-    return (*items, *(f"{thing}: in no scene" for thing in NOT_MODELLED))
+    return (*items, *(f"{thing}: never modelled" for thing in NOT_MODELLED))
 
 
 def probed(scene: Scene, commands: Sequence[Command], length: float) -> tuple[Sequence[Command], list[str]]:

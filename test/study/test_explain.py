@@ -171,7 +171,7 @@ def test_what_is_in_no_scene_is_what_the_page_of_limits_says() -> None:
     rows = [line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if line.startswith("| ")]
     assert tuple(rows[1 : rows.index("you want")]) == NOT_MODELLED
     found = explain(parse_scene(RIGID + "duration: 1"), budget=0.1)
-    assert found.left_out[-len(NOT_MODELLED) :] == tuple(f"{thing}: in no scene" for thing in NOT_MODELLED)
+    assert found.left_out[-len(NOT_MODELLED) :] == tuple(f"{thing}: never modelled" for thing in NOT_MODELLED)
     assert all(thing in found.as_text() for thing in NOT_MODELLED)
 
 

@@ -355,7 +355,7 @@ def as_text(
         if strongest:
             lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation, -1 to 1)")
         lines += [
-            f"            not told apart: {name}, which goes with {stronger} in these runs by {shared:+.2f}"
+            f"            not told apart: {name}, whose correlation with {stronger} in these runs is {shared:+.2f}"
             for name, stronger, shared in metric.echoes[:3]
         ]
     if either_way:
@@ -380,7 +380,7 @@ def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:
     if summary.runs >= wanted:
         return ""
     return (
-        f"{summary.runs} runs are few for {len(campaign.inputs)} inputs, some of which go with each other by chance; "
+        f"{summary.runs} runs are few for {len(campaign.inputs)} inputs, some of which are correlated by chance; "
         f"{wanted} or more tell them apart"
     )
 

@@ -244,19 +244,19 @@ class Trade:
         if self.trial_s < self.whole and least <= (self.target or 0.0):
             end = grown(least, self.whole / self.trial_s)
             found = (
-                f"those that have it after {self.trial_s:g} s are compared there with "
+                f"those that reach it after {self.trial_s:g} s are compared there with "
                 f"{self.checked_by.method}, {self.checked_by.setting}"
                 if self.checked_by is not None
-                else f"there was no time to go so far, and the best error, {least:.2g} after {self.trial_s:g} s, is "
-                f"{end:.2g} there if it grows with the square of time"
+                else f"there was no time to run to the end, and the best error, {least:.2g} after {self.trial_s:g} s, "
+                f"is {end:.2g} there if it grows with the square of time"
             )
             more = "more time (--time)" if self.enough_s is None else f"more time (about --time {self.enough_s:g})"
             return (
-                f"{self.scene}: nothing measured is known to have an error of at most {self.target:g} after all "
+                f"{self.scene}: no setting that was measured is known to reach an error of {self.target:g} after all "
                 f"{self.whole:g} s: {found}; ask for less (--target) or give {more}"
             )
         return (
-            f"{self.scene}: nothing measured is known to have an error of at most {self.target:g}: the best has "
+            f"{self.scene}: no setting that was measured is known to reach an error of {self.target:g}: the best has "
             f"{least:.2g}, and the reference is good to {reference.error:.2g}; ask for less (--target) or give more "
             "time (--time)"
         )

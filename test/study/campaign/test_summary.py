@@ -106,7 +106,7 @@ def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(t
     assert bystander not in dict(metric.drivers)
     assert (bystander, driver) in [(name, stronger) for name, stronger, _ in metric.echoes]
     text = as_text(campaign, summarise(campaign, rows))
-    assert f"not told apart: {metric.echoes[0][0]}, which goes with {driver}" in text
+    assert f"not told apart: {metric.echoes[0][0]}, whose correlation with {driver}" in text
     assert f"16 runs are few for {len(names)} inputs" in text
 
 
