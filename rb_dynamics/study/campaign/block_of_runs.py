@@ -98,7 +98,7 @@ def simulate_alone(
         FunctionError: a user function raised, or the law returned no finite command.
         LogError: a log cannot be written.
     """
-    values = _values(campaign, number)
+    values = values_of(campaign, number)
     check_values(values)
     # A log, and the page made from it, names the scene by its source.
     name = f"{campaign.source}, run {number}, seed {campaign.seed}"
@@ -124,7 +124,7 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
     """
     runs = []
     for number in numbers:
-        values = _values(campaign, number)
+        values = values_of(campaign, number)
         runs.append(_Run(number, values, scenes_of(campaign).scene(values, number)))
     if not _together(campaign, runs):
         raise ValueError("these runs cannot go side by side; execute each of them alone")
@@ -132,7 +132,7 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
     _advance(campaign, bodies, runs, MetricAccumulator(campaign, len(runs)), watch)
 
 
-def _values(campaign: Campaign, number: int) -> dict[str, float]:
+def values_of(campaign: Campaign, number: int) -> dict[str, float]:
     """Return the inputs of one run by name."""
     row = inputs(campaign, number, number + 1)[0].tolist()
     return {each.name: value for each, value in zip(campaign.inputs, row, strict=True)}
