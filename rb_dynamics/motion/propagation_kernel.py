@@ -75,7 +75,7 @@ def propagate(
     rows: Numbers,
     steps: Callable[[Numbers, float, int], None],
     strides: Callable[[Numbers, int, int], tuple[int, int, int]],
-    closed_form: Callable[[Numbers, float, int], None],
+    in_closed_form: Callable[[Numbers, float, int], None],
 ) -> int:
     """Go from edge to edge, and return why not further.
 
@@ -88,7 +88,7 @@ def propagate(
         rows: (looks, `PHASE`): where the phase at each look is written.
         steps: the kernel of the method for fixed steps.
         strides: its kernel for strides by accuracy.
-        closed_form: as `steps`, for what has a closed form.
+        in_closed_form: as `steps`, for what has a closed form.
     """
     room, looks = f[ROOM:], 0
     while w[EDGES] < len(at):
@@ -98,7 +98,7 @@ def propagate(
             reason = _advance(f, w, target, room, steps, strides)
             if reason != DONE:
                 return reason
-        if not _reach(f, w, target, room, steps, closed_form):
+        if not _reach(f, w, target, room, steps, in_closed_form):
             return STOPPED
         here = phase_at(room, CONSTANTS)
         if kind & CHANGE:
@@ -146,7 +146,7 @@ def _reach(
     target: int,
     room: Numbers,
     steps: Callable[[Numbers, float, int], None],
-    closed_form: Callable[[Numbers, float, int], None],
+    in_closed_form: Callable[[Numbers, float, int], None],
 ) -> bool:
     """Leave the phase at `target` in `room`, from the last grid point; return whether it is one that can be kept."""
     rest = (target - w[REACHED]) / (w[DENOMINATOR] * NANOSECONDS)
@@ -156,7 +156,7 @@ def _reach(
         if w[CLOSED] == 0:
             steps(room, rest / w[PARTS], w[PARTS])
         else:
-            closed_form(room, rest, 1)
+            in_closed_form(room, rest, 1)
     here = phase_at(room, CONSTANTS)
     if w[CLOSED] != 0 and rest > 0.0:
         rounded = closed_form_rounding(f[HISTORY + 1], phase_at(f, GRID_POINT), here, rest)
