@@ -84,6 +84,9 @@ _FREE_ROTATION = {
 _NEAR = 0.8
 """Part of what a wheel can hold from which it is near its limit."""
 
+TURN_SEEN = 0.5
+"""Angle between samples (rad) beyond which a controller does not see how the body turns."""
+
 
 @dataclass(frozen=True)
 class Explanation:
@@ -200,7 +203,7 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
-    remarks += _wheel_remarks(scene)
+    remarks += _wheel_remarks(scene) + _sensor_remarks(scene)
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run gets further in the same time.
@@ -248,6 +251,17 @@ def _wheel_remarks(scene: Scene) -> list[str]:
                 "momentum out otherwise, or allow it more speed"
             )
     return found
+
+
+def _sensor_remarks(scene: Scene) -> list[str]:
+    """Return which sensors are slower than the body turns at first; none if all keep up."""
+    rate = norm(scene.initial.angular_velocity_body)
+    return [
+        f"{sensor.name}: the body turns by {rate / sensor.rate:.2g} rad from one message to the next at its initial "
+        "rate, too far for a controller that hears it; raise its rate"
+        for sensor in scene.sensors
+        if rate > TURN_SEEN * sensor.rate
+    ]
 
 
 def fixed_costs(scene: Scene, commands: Sequence[Command], clock: Callable[[], float], run_s: float) -> list[str]:

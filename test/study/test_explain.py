@@ -367,3 +367,12 @@ def test_wheels_that_cannot_hold_the_momentum_are_named(rate: float, speed: floa
     found = [remark for remark in explain(scene, budget=0.02).remarks if "max_speed" in remark]
     assert len(found) == bool(said)
     assert all(remark.startswith("wheel_y holds 0.02 N m s") and said in remark for remark in found)
+
+
+def test_sensors_slower_than_the_body_turns_are_named() -> None:
+    """2 rad/s: 0.2 rad in a period of the IMU, 2 rad in one of the star tracker."""
+    sensors = "[{type: imu, name: imu, rate: 10}, {type: star_tracker, name: tracker, rate: 1}]"
+    text = "body: {mass: 10, inertia: {diagonal: [0.1, 0.1, 0.1]}}\ninitial: {angular_velocity_body: [0, 2, 0]}\n"
+    scene = parse_scene(f"{text}wrenches: []\nsensors: {sensors}\nduration: 1\n")
+    (found,) = (remark for remark in explain(scene, budget=0.02).remarks if "message" in remark)
+    assert found.startswith("tracker: the body turns by 2 rad from one message to the next")

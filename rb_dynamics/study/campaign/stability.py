@@ -27,6 +27,7 @@ from rb_dynamics.study.campaign.distributions import Choice
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.user_functions import FunctionError
+from rb_dynamics.study.explain import TURN_SEEN
 
 if TYPE_CHECKING:
     from rb_dynamics.run.sample_arrays import Samples
@@ -36,9 +37,6 @@ _GAINS: Mapping[str, tuple[str, str]] = {"rate_damping": ("", "gain"), "attitude
 
 _MOST_WAITING = 200
 """Samples of delay up to which eigenvalues are computed."""
-
-_TURN = 0.5
-"""Angle between samples (rad) beyond which a law does not see how the body turns."""
 
 _MOST_SAMPLES, _LEAST_SAMPLES, _LEAST_AWAY = 1000, 16, 4
 """Samples that a trial flight has at most, and those below which it tells nothing; the last where it runs away."""
@@ -64,7 +62,7 @@ def remarks(campaign: Campaign) -> list[str]:
     channel = next((each for each in base.channels if each.topic == CHANNEL), Channel(CHANNEL))
     delay_s += channel.delay
     turn = norm(base.initial.angular_velocity_body) * period_s
-    if turn > _TURN:
+    if turn > TURN_SEEN:
         found.append(
             f"the body turns by {turn:.2g} rad from one sample of the control law to the next; raise control.rate"
         )
