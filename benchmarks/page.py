@@ -246,10 +246,11 @@ The goals of the project, as ratios of times in one run.
 - Compilation: without numba this package compiles nothing, and a step takes 30 to 100 us. With numba, the very first
   run of a method is in plain Python while another process compiles, and later ones load that in some milliseconds
   ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
-- Contact, joints, connected bodies, sensors, optics, environments: MuJoCo, Drake, Basilisk and Pinocchio have them.
-  This package has one free rigid body.
+- Contact, joints, connected bodies, cameras: MuJoCo, Drake, Basilisk and Pinocchio have some or all of them. This
+  package has one free rigid body, with wheels, thrusters, magnetorquers and sensors.
 - Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; this package does not.
-- Derivatives: diffrax, Pinocchio and Drake can differentiate through the motion; this package cannot.
+- Derivatives: diffrax, Pinocchio and Drake differentiate any function of the motion; this package has the
+  sensitivities that [identify](identify.md) and `simulate --covariance` need.
 - Other equations: scipy, heyoka and diffrax integrate any equation; this package does not.
 
 {sections}
