@@ -42,6 +42,8 @@ _FLOOR = 1e-6
 # Residuals up to this many times the noise leave nothing to look for.
 _ENOUGH = 1.3
 _ITERATIONS = 80
+# Of the cost: a gain that its rounding may hide.
+_ROUNDING = 1e-11
 # Of the noise: more is no motion of a body any more.
 _RUNAWAY = 1e12
 # Of the noise, what the error of the steps may be.
@@ -223,7 +225,7 @@ def _misfit(model: Model, z: Array, noise: dict[Key, float], until: Sequence[int
 
 
 def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None) -> Any:
-    from scipy.optimize import least_squares
+    from scipy.optimize import OptimizeResult, least_squares
 
     cache: dict[bytes, tuple[Array, Array]] = {}
 
@@ -247,6 +249,13 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
             cache[name] = left, by
         return cache[name]
 
+    if loss == "linear":
+        left, by = both(z)
+        gain = 0.5 * float(np.sum((by @ np.linalg.lstsq(by, -left, rcond=None)[0]) ** 2))
+        cost = 0.5 * float(left @ left)
+        # Nothing that the cost could show: a search would end only when its steps are too short.
+        if gain < _ROUNDING * cost:
+            return OptimizeResult(x=z, cost=cost, status=1)
     return least_squares(
         lambda at: both(at)[0],
         z,
