@@ -337,7 +337,7 @@ def probed(scene: Scene, commands: Sequence[Command], length: float) -> tuple[Se
     """Return `commands`, or a probe if there are none, and remarks about it.
 
     The probe is used if the scene has channels and no effects: a force of the body's weight and a torque that gives
-    about 1 rad/s after 1 s, reversed every second, for at most a thousand seconds.
+    about 1 rad/s after 1 s, reversed every second, for at most a thousand seconds, and nothing from then on.
     """
     if commands or scene.effects or not scene.channels:
         return commands, []
@@ -356,7 +356,8 @@ def _probe(scene: Scene, length: float) -> list[Command]:
         size = (0.5 if k == 0 else 1.0) * (-1.0) ** k
         force, torque = scale(size * weight, (0.6, 0.0, 0.8)), scale(size * moment, (0.36, 0.48, 0.8))
         commands.append((topic, Wrench(force, torque, stamp_ns=k * NANOSECONDS)))
-    return commands
+    # Held for longer, the last one would spin the body up without end.
+    return [*commands, (topic, Wrench(stamp_ns=len(commands) * NANOSECONDS))]
 
 
 def _measured(

@@ -19,10 +19,11 @@ from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import fixed_step_kernel
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
-from rb_dynamics.study.explain import NOT_MODELLED, explain
+from rb_dynamics.study.explain import NOT_MODELLED, explain, probed
 from rb_dynamics.study.stopwatch import Stopwatch
 
 ROOT = Path(__file__).parents[2]
@@ -327,6 +328,15 @@ def test_a_run_without_outputs_ends_when_half_of_its_budget_is_spent(monkeypatch
 
     assert 250 < max(timed) <= 500
     assert found.steps_per_s == 100.0
+
+
+def test_a_probe_ends() -> None:
+    """Its last torque, held for a day, spun the body up until no step could be taken."""
+    scene = parse_scene(RIGID + "duration: 1200\nsolver: {method: rk4, step: 0.05}\n")
+    commands, _ = probed(scene, [], 1200.0)
+    assert len(commands) == 1001
+    state = simulate(scene, commands).sample
+    assert norm(state.angular_velocity_body) < 50.0
 
 
 @needs_numba
