@@ -44,8 +44,6 @@ EXACT, TURNING = 1e-9, 2e-3
 _WINDOW, _PATIENCE = 0.25, 20.0
 # Windows for a command to arrive: at first, and where it seems not to act.
 _SETTLING = (1, 8)
-# Windows for a command to arrive: at first, and where it seems not to act.
-_SETTLING = (1, 8)
 # Time for publisher and reader to discover each other, s, and for a node that reports once a second to do so.
 _MATCHING, _REPORTING = 3.0, 5.0
 _FORCE, _TORQUE = np.array([0.8, -0.4, 0.6]), np.array([0.02, 0.03, -0.01])
