@@ -195,6 +195,8 @@ MEANING = {
     "max_speed": "rad/s relative to the body; none by default",
     "friction": "`{coulomb: N m, viscous: N m s/rad}`; none by default",
     "speed": "rad/s relative to the body at the start",
+    "imbalance": "`{static: kg m, dynamic: kg m², phase: rad at the start}`; none by default",
+    "position": "m, of the wheel, body axes, from the body origin; required with a static imbalance",
     "max_dipole": "A m²; a larger command is clipped",
     "force": "N, along the x axis of its frame",
     "command": "what a command means: `on_time` (s) or `level` (0 to 1); of a wheel `torque` or `speed` (N m, rad/s)",
@@ -235,7 +237,7 @@ ACTS = {
 }
 
 DRIVES = {
-    "reaction_wheel": "A wheel whose speed is a state of the run, with friction and limits.",
+    "reaction_wheel": "A wheel whose speed is a state of the run, with friction, limits and imbalance.",
     "thruster": "A force in pulses or at a level.",
     "magnetorquer": "A dipole in the magnetic field; `effects` must have a `magnetic_field`.",
 }

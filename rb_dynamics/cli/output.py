@@ -123,6 +123,14 @@ def note_coasting(scene: Scene) -> None:
         print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
 
 
+def note_remarks(scene: Scene) -> None:
+    """Note on stderr what is known to be wrong before the run."""
+    from rb_dynamics.run.scene_remarks import scene_remarks
+
+    for remark in scene_remarks(scene):
+        print(f"note: {remark}", file=sys.stderr)
+
+
 def note_start(commands: RecordedWrenches) -> None:
     """Print on stderr which time of the bags is time 0 of the run, if it is not that of the stamps."""
     for note in commands.notes:

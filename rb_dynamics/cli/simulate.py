@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
         uncertain_numbers(args.covariance, sigmas, scene)
     if not len(commands):
         output.note_coasting(scene)
+    output.note_remarks(scene)
     with contextlib.ExitStack() as stack:
         mcap, outputs = args.mcap or args.bag, (args.mcap, args.bag, args.rerun, args.html)
         if (args.html or args.sigma or args.covariance) and not mcap:

@@ -44,17 +44,26 @@ class ReactionWheel(Actuator):
         coulomb: c, N m.
         viscous: v, N m s/rad.
         speed: W at the start, rad/s.
+        static_imbalance: U_s, kg m: the force U_s W^2 at `position`, which turns with the wheel.
+        dynamic_imbalance: U_d, kg m^2: the torque U_d W^2, which turns likewise.
+        phase: rad, where force and torque point at the start: the angle about the axis from y, made perpendicular to
+            it, where the axis is nearest to x; from z where it is nearest to y, from x where it is nearest to z.
+        position: of the wheel, body axes, m, from the body origin; needed with a static imbalance.
     """
 
     kind: ClassVar[str] = "reaction_wheel"
     takes: ClassVar[LoadDependence] = LoadDependence.STATES
     keys: ClassVar[tuple[str, ...]] = (
         *("name", "axis", "inertia", "command", "max_torque", "max_speed", "friction", "speed"),
+        *("imbalance", "position"),
     )
     ranges: ClassVar[Mapping[str, Range]] = {
         "inertia": Range("a number greater than 0 (kg m^2)", "write its inertia about its own axis", above=0.0),
         "coulomb": Range("0 or more (N m)", "write 0 for none", least=0.0),
         "viscous": Range("0 or more (N m s/rad)", "write 0 for none", least=0.0),
+        "static_imbalance": Range("0 or more (kg m)", "write 0 for none", least=0.0),
+        "dynamic_imbalance": Range("0 or more (kg m^2)", "write 0 for none", least=0.0),
+        "phase": Range("a finite number (rad)", "write 0"),
     }
 
     axis: Vector
@@ -65,6 +74,10 @@ class ReactionWheel(Actuator):
     coulomb: float = 0.0
     viscous: float = 0.0
     speed: float = 0.0
+    static_imbalance: float = 0.0
+    dynamic_imbalance: float = 0.0
+    phase: float = 0.0
+    position: Vector | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments.
@@ -91,6 +104,13 @@ class ReactionWheel(Actuator):
                 "reaction_wheel: max_torque is infinite, expected a finite one for a commanded speed: a wheel cannot "
                 "reach a speed at once; write one"
             )
+        if self.position is not None:
+            check_vector(self, "position", "three finite numbers (m)")
+        elif self.static_imbalance:
+            raise SceneError(
+                "reaction_wheel: position is None, expected that of the wheel: a static imbalance is a force there; "
+                "write position=(x, y, z)"
+            )
 
     @classmethod
     def read(cls, entry: SceneEntry) -> ReactionWheel:
@@ -98,6 +118,14 @@ class ReactionWheel(Actuator):
         if entry.is_particle:
             entry.reject("no reaction wheel, as a body without inertia is a particle", "add body.inertia or remove it")
         friction = entry.inner("friction", ("coulomb", "viscous"))
+        imbalance, position = entry.inner("imbalance", ("static", "dynamic", "phase")), None
+        shaking = {}
+        if imbalance is not None:
+            for name, key in (("static_imbalance", "static"), ("dynamic_imbalance", "dynamic"), ("phase", "phase")):
+                expected, remedy, *_ = each = cls.ranges[name]
+                shaking[name] = imbalance.number(key, expected, each.holds, remedy, 0.0)
+        if entry.has("position") or shaking.get("static_imbalance"):
+            position = entry.vector("position", "a finite number (m)")
         limits = {
             name: entry.number(name, f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for none")
             for name, unit in (("max_torque", "N m"), ("max_speed", "rad/s"))
@@ -108,6 +136,8 @@ class ReactionWheel(Actuator):
             axis=entry.direction("axis", "write its axis in the body, such as [1, 0, 0]"),
             command=entry.choice("command", COMMANDS, COMMANDS[0]),
             speed=entry.number("speed", "a finite number (rad/s)", default=0.0),
+            position=position,
+            **shaking,
             **limits,
             **read_numbers(cls, entry, ("inertia",)),
             **(read_numbers(cls, friction, ("coulomb", "viscous")) if friction else {}),
@@ -117,6 +147,11 @@ class ReactionWheel(Actuator):
     def unit(self) -> str:
         """The unit of its commands."""
         return "N m" if self.command == "torque" else "rad/s"
+
+    @property
+    def is_balanced(self) -> bool:
+        """Whether it does not shake the body."""
+        return self.static_imbalance == 0.0 == self.dynamic_imbalance
 
     def check(self, body: RigidBody) -> None:
         """Refuse a wheel that is no part of `body`.

@@ -6,7 +6,7 @@ times (`switching`) and ends a step there.
 
 The states of a run are one momentum about its axis for each wheel, H = J (W + a . w), then the work of the motors and
 the heat of friction (J), and, for the books, what the inner torque adds to those of the body: work (J) and impulse
-(N m s, world axes).
+(N m s, world axes). Behind them comes the angle (rad) of each wheel that has an imbalance.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.effect import Stored
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.wheel_imbalance import imbalances, shaking, time_to_turn
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Matrix, Quaternion, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
@@ -54,13 +55,18 @@ class _Wheel(NamedTuple):
 
 
 class WheelSet:
-    """The wheels of one run, in the order of the scene."""
+    """The wheels of one run, in the order of the scene.
+
+    Attributes:
+        imbalances: of those that have one.
+    """
 
     def __init__(self, wheels: Sequence[ReactionWheel], body: RigidBody) -> None:
         """Start at the speeds of the scene, without torques; where a speed is commanded, that of the start."""
         self.wheels = tuple(wheels)
         self._moments = body.principal_moments
         self._axes = tuple(wheel.axis_in(body) for wheel in wheels)
+        self.imbalances = imbalances(wheels, body)
         self._now = [_Wheel(wheel.speed if wheel.command == "speed" else 0.0) for wheel in wheels]
         for k, wheel in enumerate(wheels):
             self._place(k, wheel.speed)
@@ -79,7 +85,7 @@ class WheelSet:
     def begin(self, omega: Vector) -> tuple[float, ...]:
         """Return the states at the start, while the body turns with `omega` (principal axes)."""
         momenta = [w.inertia * (w.speed + dot(a, omega)) for w, a in zip(self.wheels, self._axes, strict=True)]
-        return (*momenta, *(0.0,) * _BOOKS)
+        return (*momenta, *(0.0,) * _BOOKS, *(self.wheels[each.wheel].phase for each in self.imbalances))
 
     def command(self, k: int, value: float, speed: float) -> None:
         """Let wheel k, which turns with `speed`, do as commanded; `settle` sees what comes of it."""
@@ -104,7 +110,8 @@ class WheelSet:
 
     def booked(self, states: Sequence[float]) -> tuple[float, float, float, Vector]:
         """Return work of the motors, heat of friction, and what the inner torque added to work and impulse."""
-        motor, heat, work, x, y, z = states[len(self.wheels) :]
+        count = len(self.wheels)
+        motor, heat, work, x, y, z = states[count : count + _BOOKS]
         return motor, heat, work, (x, y, z)
 
     def moved(
@@ -116,7 +123,8 @@ class WheelSet:
         was, became = self.stored(before[1], states), self.stored(after[1], momenta)
         turned = subtract(rotate(after[0], became.momentum), rotate(before[0], was.momentum))
         motor, heat, work, impulse = self.booked(states)
-        return (*momenta, motor, heat, work + (became.energy - was.energy), *subtract(impulse, turned))
+        work += became.energy - was.energy
+        return (*momenta, motor, heat, work, *subtract(impulse, turned), *self._angles(states))
 
     def settle(self, torque: Vector, omega: Vector, states: Sequence[float]) -> None:
         """Decide which wheels are held, under a torque from outside (principal axes).
@@ -172,14 +180,38 @@ class WheelSet:
             rates.append(on_wheel)
             motor, heat = motor + (on_wheel - friction) * speed, heat - friction * speed
             power += on_wheel * speed
-        return inner, (*rates, motor, heat, power - dot(inner, omega), *rotate(orientation, inner))
+        turning = (speeds[each.wheel] for each in self.imbalances)
+        return inner, (*rates, motor, heat, power - dot(inner, omega), *rotate(orientation, inner), *turning)
 
-    def turned(self, states: Sequence[float]) -> Vector:
-        """Return the angular velocity (principal axes) that a difference of momenta may mean to the body."""
+    def turned(self, states: Sequence[float], start: Sequence[float]) -> Vector:
+        """Return the angular velocity (principal axes) that a difference from the states `start` may mean to the body.
+
+        An imbalance that points elsewhere gives it another mean rate.
+        """
         off = ZERO
         for momentum, axis in zip(states, self._axes, strict=False):
             off = add_scaled(off, momentum, axis)
+        for each, angle in zip(self.imbalances, self._angles(states), strict=True):
+            speed = start[each.wheel] / self.wheels[each.wheel].inertia
+            off = add_scaled(off, speed * angle, each.torques[0])
         return divide(off, self._moments)
+
+    def shaking(self, omega: Vector, states: Sequence[float]) -> tuple[Vector, Vector]:
+        """Return force (N) and torque about the centre of mass (N m) of the imbalances, principal axes."""
+        return shaking(self.imbalances, self.speeds(omega, states), self._angles(states))
+
+    def sight(self, omega: Vector, states: Sequence[float]) -> float:
+        """Return for how long (s) the imbalances now are a guide to those ahead."""
+        speeds, times = self.speeds(omega, states), [math.inf]
+        for k, *_ in self.imbalances:
+            wheel, now = self.wheels[k], self._now[k]
+            torque = 0.0 if now.held else abs(now.motor) + wheel.coulomb + wheel.viscous * abs(speeds[k])
+            times.append(time_to_turn(speeds[k], torque / wheel.inertia))
+        return min(times)
+
+    def _angles(self, states: Sequence[float]) -> Sequence[float]:
+        """Return the angles (rad) of the wheels that have an imbalance."""
+        return states[len(self.wheels) + _BOOKS :]
 
     def _points(self, k: int) -> tuple[float, ...]:
         """Return the speeds at which a wheel may stay."""
@@ -307,12 +339,21 @@ class WheelLoad:
         return force, torque
 
     def outside(
-        self, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
+        self,
+        t: float,
+        displacement: Vector,
+        velocity: Vector,
+        orientation: Quaternion,
+        angular_velocity: Vector,
+        states: tuple[float, ...],
     ) -> tuple[Vector, Vector, Vector]:
-        """Return force and torque of the other load, and the torque of all that acts from outside."""
+        """Return force and torque of the other load and of imbalances, and the torque of all from outside."""
         force, torque = ZERO, ZERO
         if self._load is not None:
             force, torque = self._load(t, displacement, velocity, orientation, angular_velocity)
+        if self._wheels.imbalances:
+            push, twist = self._wheels.shaking(angular_velocity, states)
+            force, torque = add(force, rotate(orientation, push)), add(torque, twist)
         held = add(self._held.torque_body, rotate_inverse(orientation, self._held.torque_world))
         return force, torque, add(held, torque)
 
@@ -326,10 +367,10 @@ class WheelLoad:
         states: tuple[float, ...],
     ) -> tuple[Vector, Vector, tuple[float, ...]]:
         """Return force and torque, the inner one included, and the rates of the states."""
-        force, torque, outside = self.outside(t, displacement, velocity, orientation, angular_velocity)
+        force, torque, outside = self.outside(t, displacement, velocity, orientation, angular_velocity, states)
         inner, rates = self._wheels.stage(outside, orientation, angular_velocity, states)
         return force, add(torque, inner), rates
 
     def turned(self, states: tuple[float, ...]) -> Vector:
         """Return what a difference of states may mean to the body."""
-        return self._wheels.turned(states)
+        return self._wheels.turned(states, self.states)

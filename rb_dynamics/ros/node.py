@@ -65,6 +65,7 @@ from rb_dynamics.ros.settings import (
 )
 from rb_dynamics.ros.start_arguments import shared_parameters
 from rb_dynamics.run.edge_schedule import FEWEST
+from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink, StateChange
 from rb_dynamics.run.stop_signals import stop_signals
@@ -178,6 +179,8 @@ class RigidBodyNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.get_logger().info(self._introduction())
+        for remark in scene_remarks(self._settings.scene):
+            self.get_logger().warning(remark)
 
     def _ros_now(self) -> int:
         return int(self.get_clock().now().nanoseconds)

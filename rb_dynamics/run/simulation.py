@@ -636,7 +636,7 @@ class Simulation:
         load = None if self._load_from is None else self._load_from(phase)
         assert isinstance(load, WheelLoad)
         velocity = scale(1.0 / self.scene.body.mass, phase.linear_momentum_world)
-        return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity)[2]
+        return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity, load.states)[2]
 
     def _switching(self, wheels: WheelSet, phase: PhaseState) -> list[int]:
         return wheels.switching(self._torque(phase), phase.angular_velocity, phase.inner)
@@ -814,7 +814,8 @@ class Simulation:
         if transients:
             settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS
             gradually = settled, _sight_of(transients, self.time_ns, self._phase)
-        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, gradually)
+        sight = None if self._wheels is None else _sight_of_wheels(self._wheels)
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, gradually, sight)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc
@@ -865,6 +866,11 @@ def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState)
         return min(each.sight(age_ns / NANOSECONDS + t) for age_ns, each in ages)
 
     return at
+
+
+def _sight_of_wheels(wheels: WheelSet) -> OfPhase | None:
+    """Return for how long (s) imbalances tell of themselves in a phase; None where there are none."""
+    return (lambda phase: wheels.sight(phase.angular_velocity, phase.inner)) if wheels.imbalances else None
 
 
 def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:

@@ -101,19 +101,21 @@ class Plan:
         load_from: LoadFrom | None,
         numbers: tuple[float, ...] | None = None,
         gradually: tuple[float, OfPhase] | None = None,
+        sight: OfPhase | None = None,
     ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
         `numbers` are the same load for kernels. `gradually` says of what acts gradually when (s of the run) it is over,
-        and for how long (s) it is in a phase a guide to the load ahead.
+        and for how long (s) it is in a phase a guide to the load ahead; `sight` says so of what acts all the time.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
         scales = self._scales._replace(numbers=numbers or ())
         if gradually is not None:
-            settled, sight = gradually
-            scales = scales._replace(settled=settled, sight=_nearer(self._scales.sight, sight))
+            settled, near = gradually
+            scales = scales._replace(settled=settled, sight=_nearer(self._scales.sight, near))
+        scales = scales._replace(sight=_nearer(scales.sight, sight))
 
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from, scales)

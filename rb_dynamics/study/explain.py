@@ -16,7 +16,6 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.caching import clear_caches
@@ -24,8 +23,9 @@ from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import angle_between, rotate_inverse
-from rb_dynamics.numerics.vector import dot, norm, scale, subtract
+from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.vector import norm, scale, subtract
+from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
@@ -66,7 +66,7 @@ NOT_MODELLED = (
     "harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "imbalance and gimbals of wheels",
+    "imbalance coupled to the turning of its wheel, gimbals of wheels",
     "relativity, radiation of momentum",
 )
 """What no scene can describe; docs/limits.md names alternatives."""
@@ -79,13 +79,6 @@ _FREE_ROTATION = {
     Symmetry.PROLATE: "trigonometric functions, since two moments are equal",
     Symmetry.TRIAXIAL: "Jacobi's elliptic functions",
 }
-
-
-_NEAR = 0.8
-"""Part of what a wheel can hold from which it is near its limit."""
-
-TURN_SEEN = 0.5
-"""Angle between samples (rad) beyond which a controller does not see how the body turns."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +196,7 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
-    remarks += _wheel_remarks(scene) + _sensor_remarks(scene)
+    remarks += scene_remarks(scene)
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run gets further in the same time.
@@ -231,37 +224,6 @@ def explain(
         basis,
         tuple(remarks),
     )
-
-
-def _wheel_remarks(scene: Scene) -> list[str]:
-    """Return which wheels cannot hold the momentum of the body and would saturate; none if they can."""
-    rows = shares([wheel.axis for wheel in scene.wheels])
-    if rows is None:
-        return []
-    # About the centre of mass, body axes; a wheel turns with the body, and by itself.
-    momentum = Simulation(scene).sample.angular_momentum_world
-    momentum = rotate_inverse(scene.initial.orientation_xyzw, momentum)
-    found = []
-    for wheel, row in zip(scene.wheels, rows, strict=True):
-        share, held = abs(dot(row, momentum)), wheel.inertia * wheel.max_speed
-        if share > _NEAR * held:
-            found.append(
-                f"{wheel.name} holds {held:.3g} N m s at its max_speed, and would have to hold {share:.3g} N m s for "
-                f"the wheels to bring the body to rest: it {'saturates' if share > held else 'comes near that'}; take "
-                "momentum out otherwise, or allow it more speed"
-            )
-    return found
-
-
-def _sensor_remarks(scene: Scene) -> list[str]:
-    """Return which sensors are slower than the body turns at first; none if all keep up."""
-    rate = norm(scene.initial.angular_velocity_body)
-    return [
-        f"{sensor.name}: the body turns by {rate / sensor.rate:.2g} rad from one message to the next at its initial "
-        "rate, too far for a controller that hears it; raise its rate"
-        for sensor in scene.sensors
-        if rate > TURN_SEEN * sensor.rate
-    ]
 
 
 def fixed_costs(scene: Scene, commands: Sequence[Command], clock: Callable[[], float], run_s: float) -> list[str]:

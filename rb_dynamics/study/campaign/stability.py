@@ -20,6 +20,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm
+from rb_dynamics.run.scene_remarks import TURN_SEEN, scene_remarks
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, values_of
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.control import DELAY, delay_ns
@@ -27,7 +28,6 @@ from rb_dynamics.study.campaign.distributions import Choice
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.user_functions import FunctionError
-from rb_dynamics.study.explain import TURN_SEEN
 
 if TYPE_CHECKING:
     from rb_dynamics.run.sample_arrays import Samples
@@ -53,11 +53,11 @@ _PARTS = 2, 8
 
 
 def remarks(campaign: Campaign) -> list[str]:
-    """Return what is wrong with the control period of a campaign, empty if nothing is known to be."""
-    control = campaign.control
+    """Return what is wrong with the scene and the control period of a campaign, empty if nothing is known to be."""
+    control, base = campaign.control, Scenes(campaign).base
+    found = scene_remarks(base)
     if control is None:
-        return []
-    base, found = Scenes(campaign).base, []
+        return found
     period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, {}) / NANOSECONDS
     channel = next((each for each in base.channels if each.topic == CHANNEL), Channel(CHANNEL))
     delay_s += channel.delay
