@@ -24,6 +24,8 @@ FIELD = (2.0e-5, 0.5e-5, -4.0e-5)
 MOMENTS, WHEEL, DIPOLE = (0.05, 0.12, 0.14), 1.0e-4, 0.2
 COULOMB, VISCOUS = 1.0e-5, 1.0e-7
 THRUST, PLACE = 0.005, (0.1, 0.15, 0.05)
+STATIC, DYNAMIC, WHEEL_PLACE = 1e-6, 1e-7, (0.05, -0.1, 0.15)
+PHASES = (0.5 * math.pi, math.pi, 0.5 * math.pi)
 SPIN, SPEED = (0.02, -0.03, 0.01), 100.0
 
 Array = NDArray[np.float64]
@@ -45,6 +47,7 @@ class Case(NamedTuple):
     step: float
     wheels: bool = False
     friction: bool = False
+    imbalance: bool = False
     gradient: bool = False
     rod: bool = False
     thruster: bool = False
@@ -61,10 +64,11 @@ CASES = (
     Case("free wheels at 100 rad/s", 100.0, 0.1, wheels=True, commands=0),
     Case("wheels under 10 torques each", 100.0, 0.1, wheels=True, commands=10),
     Case("the same, with Coulomb and viscous friction", 100.0, 0.01, wheels=True, friction=True, commands=10),
+    Case("unbalanced wheels at 100 rad/s", 120.0, 0.002, wheels=True, imbalance=True, commands=10),
     Case("a torque rod, 10 dipoles, uniform field", 100.0, 0.1, rod=True, commands=10),
     Case("10 pulses of a thruster with a lever arm", 100.0, 0.002, thruster=True, commands=10),
     Case("gravity gradient, 10 orbits", 10.0 * ORBIT, 0.5, gradient=True, commands=0),
-    Case("gravity gradient, wheels and rod, an orbit", ORBIT, 0.04, True, False, True, True, commands=20),
+    Case("gravity gradient, wheels and rod, an orbit", ORBIT, 0.04, wheels=True, gradient=True, rod=True, commands=20),
 )
 
 
@@ -76,14 +80,18 @@ class End(NamedTuple):
 
 
 def ours(case: Case) -> End:
-    """Return the end by this package: to 1e-12 rad, or to 1e-9 over orbits, where rounding adds some 4e-10."""
+    """Return the end by this package: to 1e-12 rad, or to 1e-9 over orbits, where rounding adds some 4e-10.
+
+    Imbalances take so many steps that their rounding adds some 1e-12.
+    """
+    accuracy = 1e-9 if case.gradient else 1e-10 if case.imbalance else 1e-12
     body = f"body: {{mass: 10, inertia: {{diagonal: {list(MOMENTS)}}}"
     if case.thruster:
         body += f", frames: {{jet: {{position: {list(PLACE)}, orientation: {{x: 0, y: 0, z: 0, w: 1}}}}}}"
     start = f"initial: {{angular_velocity_body: {list(SPIN)}"
     if case.gradient:
         start += f", position_world: [{RADIUS!r}, 0, 0], linear_velocity_world: [0, {math.sqrt(MU / RADIUS)!r}, 0]"
-    lines = [body + "}", start + "}", "wrenches: []", f"solver: {{accuracy: {1e-9 if case.gradient else 1e-12!r}}}"]
+    lines = [body + "}", start + "}", "wrenches: []", f"solver: {{accuracy: {accuracy!r}}}"]
     lines += [f"duration: {case.duration!r}", "effects:"]
     if case.gradient:
         lines.append(f"  - {{type: central_gravity, gravitational_parameter: {MU!r}, gravity_gradient: true}}")
@@ -92,11 +100,14 @@ def ours(case: Case) -> End:
     actuators = []
     if case.wheels:
         friction = f", friction: {{coulomb: {COULOMB!r}, viscous: {VISCOUS!r}}}" if case.friction else ""
-        actuators += [
-            f"  - {{type: reaction_wheel, name: wheel_{k}, axis: {[float(k == i) for i in range(3)]}, inertia: "
-            f"{WHEEL!r}, command: torque, speed: {SPEED!r}{friction}}}"
-            for k in range(3)
-        ]
+        for k in range(3):
+            # Basilisk's angle 0 is at z, -z and y.
+            shaken = f", imbalance: {{static: {STATIC!r}, dynamic: {DYNAMIC!r}, phase: {PHASES[k]!r}}}"
+            shaken += f", position: {list(WHEEL_PLACE)}"
+            actuators.append(
+                f"  - {{type: reaction_wheel, name: wheel_{k}, axis: {[float(k == i) for i in range(3)]}, inertia: "
+                f"{WHEEL!r}, command: torque, speed: {SPEED!r}{friction}{shaken if case.imbalance else ''}}}"
+            )
     if case.rod:
         actuators.append(f"  - {{type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: {DIPOLE}}}")
     if case.thruster:
@@ -138,7 +149,7 @@ def basilisk(case: Case, step: float) -> End:
     kept: list[Any] = [craft]
     listeners: list[Callable[[Command], None]] = []
     if case.wheels:
-        listeners.append(_wheels(simulation, craft, kept, friction=case.friction))
+        listeners.append(_wheels(simulation, craft, kept, case))
     if case.rod:
         listeners.append(_rod(simulation, craft, kept))
     if case.thruster:
@@ -164,18 +175,23 @@ def basilisk(case: Case, step: float) -> End:
     return End(attitude, speeds)
 
 
-def _wheels(simulation: Any, craft: Any, kept: list[Any], *, friction: bool) -> Callable[[Command], None]:
+def _wheels(simulation: Any, craft: Any, kept: list[Any], case: Case) -> Callable[[Command], None]:
     from Basilisk.architecture import messaging
     from Basilisk.simulation import reactionWheelStateEffector
     from Basilisk.utilities import simIncludeRW
 
     factory = simIncludeRW.rwFactory()
     # So steep that its tanh is 1 at all speeds here.
-    wear = {"fCoulomb": COULOMB, "fStatic": COULOMB, "cViscous": VISCOUS, "betaStatic": 1e-3} if friction else {}
+    wear = {"fCoulomb": COULOMB, "fStatic": COULOMB, "cViscous": VISCOUS, "betaStatic": 1e-3} if case.friction else {}
+    if case.imbalance:
+        wear |= {"RWModel": messaging.JitterSimple, "rWB_B": list(WHEEL_PLACE)}
     for k in range(3):
         axis = [float(k == i) for i in range(3)]
         rpm = SPEED * 30.0 / math.pi
-        factory.create("custom", axis, Js=WHEEL, Omega=rpm, Omega_max=1e5, u_max=1.0, useRWfriction=friction, **wear)
+        settings = {"Js": WHEEL, "Omega": rpm, "Omega_max": 1e5, "u_max": 1.0, "useRWfriction": case.friction, **wear}
+        wheel = factory.create("custom", axis, **settings)
+        if case.imbalance:
+            wheel.U_s, wheel.U_d = STATIC, DYNAMIC
     effector = reactionWheelStateEffector.ReactionWheelStateEffector()
     factory.addToSpacecraft("wheels", effector, craft)
     message = messaging.ArrayMotorTorqueMsg().write(messaging.ArrayMotorTorqueMsgPayload())

@@ -726,16 +726,17 @@ angles are against the local level, which turns with the Earth; that turn is tak
 brick to the east, which is the 1e-6 rad of 01 and 04.
 
 Basilisk flew a 6U satellite with what `actuators` has: wheels at 100 rad/s, with and without Coulomb and viscous
-friction, a torque rod, a thruster, the gravity gradient. `tools/compare_basilisk.py` flies each case with a step of its
-RK4 and with half of it; what the two differ by is about its own error. We differ from the finer one by less, except
-with the thruster: its edges cost RK4 the order, and Basilisk the digits. Ours fall on their nanosecond, and the impulse
-is exact ([test](../test/loads/test_actuators.py)).
+friction and imbalance (`JitterSimple`), a torque rod, a thruster, the gravity gradient. `tools/compare_basilisk.py`
+flies each case with a step of its RK4 and with half of it; what the two differ by is about its own error. We differ
+from the finer one by less, except with the thruster: its edges cost RK4 the order, and Basilisk the digits. Ours fall
+on their nanosecond, and the impulse is exact ([test](../test/loads/test_actuators.py)).
 
 | flight | s | its step, s | we differ, rad | half the step, rad | its two steps, rad | wheels, rad/s |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 | free wheels at 100 rad/s | 100 | 0.1 | 5e-09 | 3e-10 | 5e-09 | 5e-11 |
 | wheels under 10 torques each | 100 | 0.1 | 3e-09 | 2e-10 | 3e-09 | 5e-11 |
 | the same, with Coulomb and viscous friction | 100 | 0.01 | 3e-13 | 3e-14 | 3e-13 | 8e-13 |
+| unbalanced wheels at 100 rad/s | 120 | 0.002 | 2e-08 | 2e-09 | 2e-08 | 2e-11 |
 | a torque rod, 10 dipoles, uniform field | 100 | 0.1 | 9e-13 | 5e-14 | 9e-13 | - |
 | 10 pulses of a thruster with a lever arm | 100 | 0.002 | 6e-04 | 4e-04 | 2e-04 | - |
 | gravity gradient, 10 orbits | 56800 | 0.5 | 3e-07 | 1e-08 | 3e-07 | - |
