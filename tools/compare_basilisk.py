@@ -99,15 +99,7 @@ def ours(case: Case) -> End:
         lines.append(f"  - {{type: magnetic_field, model: uniform, field_world: {list(FIELD)}}}")
     actuators = []
     if case.wheels:
-        friction = f", friction: {{coulomb: {COULOMB!r}, viscous: {VISCOUS!r}}}" if case.friction else ""
-        for k in range(3):
-            # Basilisk's angle 0 is at z, -z and y.
-            shaken = f", imbalance: {{static: {STATIC!r}, dynamic: {DYNAMIC!r}, phase: {PHASES[k]!r}}}"
-            shaken += f", position: {list(WHEEL_PLACE)}"
-            actuators.append(
-                f"  - {{type: reaction_wheel, name: wheel_{k}, axis: {[float(k == i) for i in range(3)]}, inertia: "
-                f"{WHEEL!r}, command: torque, speed: {SPEED!r}{friction}{shaken if case.imbalance else ''}}}"
-            )
+        actuators += [_wheel(case, k) for k in range(3)]
     if case.rod:
         actuators.append(f"  - {{type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: {DIPOLE}}}")
     if case.thruster:
@@ -126,6 +118,17 @@ def ours(case: Case) -> End:
             commands.append(("jet/command", rb.Setpoint(on_time, stamp)))
     sample = rb.simulate(rb.parse_scene(text), commands).sample
     return End(np.array(sample.orientation_xyzw), np.array(sample.wheel_speeds or ()))
+
+
+def _wheel(case: Case, k: int) -> str:
+    """Return the line of a wheel; Basilisk's angle 0 of an imbalance is at z, -z and y."""
+    given = f"name: wheel_{k}, axis: {[float(k == i) for i in range(3)]}, inertia: {WHEEL!r}, speed: {SPEED!r}"
+    if case.friction:
+        given += f", friction: {{coulomb: {COULOMB!r}, viscous: {VISCOUS!r}}}"
+    if case.imbalance:
+        given += f", imbalance: {{static: {STATIC!r}, dynamic: {DYNAMIC!r}, phase: {PHASES[k]!r}}}"
+        given += f", position: {list(WHEEL_PLACE)}"
+    return f"  - {{type: reaction_wheel, command: torque, {given}}}"
 
 
 def basilisk(case: Case, step: float) -> End:
@@ -182,7 +185,9 @@ def _wheels(simulation: Any, craft: Any, kept: list[Any], case: Case) -> Callabl
 
     factory = simIncludeRW.rwFactory()
     # So steep that its tanh is 1 at all speeds here.
-    wear = {"fCoulomb": COULOMB, "fStatic": COULOMB, "cViscous": VISCOUS, "betaStatic": 1e-3} if case.friction else {}
+    wear: dict[str, Any] = (
+        {"fCoulomb": COULOMB, "fStatic": COULOMB, "cViscous": VISCOUS, "betaStatic": 1e-3} if case.friction else {}
+    )
     if case.imbalance:
         wear |= {"RWModel": messaging.JitterSimple, "rWB_B": list(WHEEL_PLACE)}
     for k in range(3):
