@@ -76,7 +76,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(lock.close)
     config.add_cleanup(lambda: shutil.rmtree(logs, ignore_errors=True))
     if "PYTEST_XDIST_WORKER" not in os.environ:
-        # What is compiled here is no user's; workers and the processes they start share it, and each kernel once.
+        # What is compiled here is not the user's; workers and the processes they start share it, and each kernel once.
         kernels = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="rb_dynamics_cache_")
         config.add_cleanup(lambda: shutil.rmtree(kernels, ignore_errors=True))
 

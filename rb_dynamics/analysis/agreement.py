@@ -252,7 +252,7 @@ class _Both:
             at = (twist.time_ns - self.time_ns[0]) * 1e-9
             since = (self.time_ns - self.time_ns[0]) * 1e-9
             rates = np.stack([np.interp(since, at, column) for column in twist.values[:, 3:].T], axis=1)
-            # An integral of rates is no rotation if their axis turns (Bortz, IEEE Trans. AES-7 (1971) 61).
+            # An integral of rates is not a rotation if their axis turns (Bortz, IEEE Trans. AES-7 (1971) 61).
             cone = np.diff(since)[:, None] ** 2 / 12.0 * np.cross(rates[:-1], rates[1:])
             result = self.turned + cone if world else rotation_vectors(attitude) - cone
         else:

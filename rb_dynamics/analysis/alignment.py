@@ -2,8 +2,8 @@
 
 The lag makes the magnitudes of angular and linear velocity, which do not depend on the axes, differ least. If they are
 constant or periodic, the angular velocity in body axes is used, and attitudes decide between lags that fit equally
-well. How far the lag can be trusted is told by the noise, by what else differs, by each half of the recording alone,
-and by other lags that fit as well.
+well. How certain the lag is follows from the noise, from other differences, from each half of the recording
+alone, and from other lags that fit as well.
 """
 
 from __future__ import annotations

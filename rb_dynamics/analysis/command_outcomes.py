@@ -71,7 +71,7 @@ def outcomes_of(
     # Every applied wrench without a command is a timeout, by the format of the log. A command without one was too
     # large.
     alone = acted - honoured
-    # A scene that goes on from a run begins with what was held.
+    # A scene that continues a run begins with what was held.
     if alone[0] and (steps.force[0].any() or steps.torque[0].any()):
         alone -= Counter([0])
     drops = known(alone)

@@ -20,11 +20,11 @@ from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 _AROUND = 3
 # A jump exceeds this multiple of the usual motion, and this multiple of its variation.
 _TIMES, _SPREADS = 3.0, 10.0
-# Smaller changes are no jumps: rad; and as a fraction of the longest distance between two positions.
+# Smaller changes are not jumps: rad; and as a fraction of the longest distance between two positions.
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
 # Two samples of one body and one of another come back at every third; one of the last few is as near as this.
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
-# Two topics of one frame tell of two bodies if they are this far apart in the median: rad, m, fraction of the extent.
+# Two topics of one frame show two bodies if they are this far apart in the median: rad, m, fraction of the extent.
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
 # They move alike if, between pairs of so many instants, both go equally far, up to this part of the usual distance.
 _INSTANTS, _ALIKE = 40, 0.3
@@ -89,7 +89,7 @@ class Continuity:
         jumps: in order of time.
         turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
         returns: if the pose is that of one of two bodies by turns, how often it comes back.
-        others: topics that tell of the same frame, elsewhere.
+        others: topics that describe the same frame, elsewhere.
         frozen: first and last stamp of each time in which the pose does not change by a bit although the body moves.
     """
 
@@ -149,7 +149,7 @@ def _frozen(track: Track, jumps: Sequence[Jump]) -> tuple[tuple[int, int], ...]:
 
 
 def _moved(twist: TimeSeries | None, begin_ns: int, end_ns: int) -> bool:
-    """Return whether a twist tells of more motion, on average over a time, than the constant error of a sensor."""
+    """Return whether a twist shows more motion, on average over a time, than the constant error of a sensor."""
     if twist is None:
         return False
     first, last = np.searchsorted(twist.time_ns, [begin_ns, end_ns])
@@ -190,7 +190,7 @@ def _returns(track: Track, time_ns: Times, rows: Array, *, turns: bool) -> Retur
 
 
 def _others(track: Track, extent: float) -> tuple[Other, ...]:
-    """Return the topics of Odometry that tell of the frame of the pose, far from it."""
+    """Return the topics of Odometry that describe the frame of the pose, far from it."""
     pose, twist, bag = track.pose, track.twist, track.bag
     if pose is None or twist is None or not twist.frame:
         return ()

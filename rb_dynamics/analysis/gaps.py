@@ -32,7 +32,7 @@ def after_gaps(times: Times | Array) -> NDArray[np.intp]:
 
 
 def longest_usual(time_ns: Times | Array) -> float:
-    """Return the longest interval that is no gap, in the unit of the times; infinite for fewer than three.
+    """Return the longest interval that is not a gap, in the unit of the times; infinite for fewer than three.
 
     If nine in ten are equal to 1 %, 1.5 times the usual one. Otherwise far beyond the spread of the intervals: for
     random times, with exponential intervals, one in 20 million is longer.

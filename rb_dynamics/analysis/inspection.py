@@ -61,7 +61,7 @@ def inspect(
         log: the file, or the folder of a bag.
         scene: body and frames for a bag without them, or its file.
         bound: largest defect accepted, relative to the largest energy or momentum.
-        topics: which topics tell of the body; found by type and name where it does not say.
+        topics: which topics describe the body; found by type and name where it does not say.
         window_s: first and last time to inspect, s: simulation time, or since the start of the motion in a bag.
         target: attitude xyzw, body to world, that the body is to point at: its angle from it is analysed too.
 

@@ -1,4 +1,4 @@
-"""`command_latencies`: how long the commands of a node were on their way, from `.../latency` in its log."""
+"""`command_latencies`: the latency of the commands of a node, from `.../latency` in its log."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """`onboard`: what the wheels, commands and sensors of a log of this package did: speeds, limits, measured beside true.
 
-True is what the log says at an output. A sample of a sensor between two outputs has nothing to compare with.
+The true value is that of the log at an output; a sensor's sample between two outputs has none to compare with.
 """
 
 from __future__ import annotations

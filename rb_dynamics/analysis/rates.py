@@ -1,4 +1,4 @@
-"""`rates_of`: angular and linear velocity from poses, with the noise that they get from the noise of the poses."""
+"""`rates_of`: angular and linear velocity from poses, with the noise that results from that of the poses."""
 
 from __future__ import annotations
 

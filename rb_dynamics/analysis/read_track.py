@@ -1,6 +1,6 @@
 """`read_track`: find the topics of one body in a bag, by message type, and put them into a `Track`.
 
-Works on our own logs and on any bag of pose, twist and wrench; `TopicChoice` says otherwise which topics. Numbers are
+Works on our own logs and on any bag of pose, twist and wrench; `TopicChoice` selects other topics. Numbers are
 taken as they are: unusable ones are left out and counted, stamps out of order are sorted and counted. Mass properties
 are not guessed.
 """
@@ -38,7 +38,7 @@ STRAYS = 0.1
 
 @dataclass(frozen=True)
 class TopicChoice:
-    """Which topics tell of the body; what is empty is found by type and name.
+    """Which topics describe the body; what is empty is found by type and name.
 
     Attributes:
         pose: topic of the pose.

@@ -220,7 +220,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
 
 
 def _held_before(scene: Scene, channels: WrenchChannels, channel: Channel) -> tuple[int | None, HeldWrench | None]:
-    """Return what a channel held at the start of a scene that goes on from a run, and since when (ns), if anything."""
+    """Return what a channel held at the start of a scene that continues a run, and since when (ns), if anything."""
     found: tuple[int | None, HeldWrench | None] = None, None
     for topic, wrench, at in scene.past.commands if scene.past else ():
         if topic == channel.topic and (held := channels.check(topic, wrench).held) is not None:
@@ -233,7 +233,7 @@ def _unexpected(
 ) -> int | None:
     """Return the time (ns) of the first applied wrench without a cause; None if there is none.
 
-    `since` is when what is held at the beginning came, of a scene that goes on from a run.
+    `since` is when what is held at the beginning came, of a scene that continues a run.
     """
     by_time: Mapping[int, list[tuple[float, ...]]] = defaultdict(list)
     for at, held in expected:

@@ -1,6 +1,6 @@
 """`RunSummary`: a recorded run in numbers, and its checks; shown as text and HTML.
 
-Only what can be judged is: a check without data is left out, and `missing` says what would provide it.
+A check without data is left out, and `missing` says what would provide them.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) 
 
 
 def _rows(topic: Topic) -> tuple[Times, Array]:
-    """Return stamps, ascending and each once, and rows with unit quaternions, without those that are no numbers."""
+    """Return stamps, ascending and each once, and rows with unit quaternions, without those that are not numbers."""
     rows, stamps = topic.numbers, topic.stamps if topic.stamps_given else topic.log_times
     _, kind = topic.kinds
     kept = (kind == 0) & (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 3:] != 0.0).any(axis=1)

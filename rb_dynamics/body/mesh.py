@@ -5,7 +5,7 @@ corners a, b and c from that point, V = a . (b x c) / 6 and s = a + b + c, one h
 int x x^T dV = V / 20 (s s^T + a a^T + b b^T + c c^T); F. Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
 tensor in terms of its vertex coordinates, J. Math. Stat. 1 (2004) 8. Second moments are taken about the centre of mass,
 so that nothing cancels however far away the origin is. `trimesh` only reads the file formats. Never repairs a surface,
-and does not look for triangles that cut through each other.
+and does not look for triangles that intersect.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ def _check_closed(points: Points, triangles: Faces) -> None:
 
 
 def _check_parts(points: Points, triangles: Faces) -> None:
-    """Raise where a part lies inside another and is no hole, or is a hole in nothing: it would count wrongly."""
+    """Raise where a part lies inside another and is not a hole, or is a hole in nothing: it would count wrongly."""
     # scipy is slow to import, and a mesh is read by few.
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

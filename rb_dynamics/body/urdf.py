@@ -1,7 +1,7 @@
 """Mass properties from a URDF file: one link with all that is joined to it by fixed joints, in the axes of the link.
 
 Simulators of robots join such links too (sdformat calls it fixed joint reduction), except through a link `world`. What
-hangs on joints of other types is left out, and named.
+is attached by joints of other types is left out, and named.
 
 The products of <inertia> are the entries of the matrix (ixy = -int xy dm), about the centre of mass and in the axes
 of <inertial>'s <origin>, whose rpy are rotations about the fixed axes x, y and z in this order. Entities are not

@@ -1,4 +1,4 @@
-"""Many logs in one command: which they are, one process per core, and a row for each; one bad file stops no other."""
+"""Many logs in one command: which they are, one process per core, a row for each; bad files do not stop the others."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _is_bag(folder: Path) -> bool:
 
 
 def _collection(path: Path) -> bool:
-    """Return whether a path is a folder that is no bag, but has some below."""
+    """Return whether a path is a folder that is not a bag, but has some below."""
     return path.is_dir() and not _is_bag(path) and bool(_below(path))
 
 

@@ -169,7 +169,7 @@ def _poses(
 
 
 def _scene_at(source: Path, target: Path, at_s: float) -> int:
-    """Write the scene that goes on from a log at a time; exit code 0."""
+    """Write the scene that continues a log at a time; exit code 0."""
     import contextlib
 
     from rb_dynamics.formats.output_file import OutputFile, require_other

@@ -1,4 +1,4 @@
-"""The options that say which topics of a bag tell of the body."""
+"""The options that say which topics of a bag describe the body."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def to_table(
         paths: the logs or bags.
         target: the table.
         topics: names of topics; all, if empty.
-        skip: told of each log of several, and of each topic with messages, that cannot be read, with the reason;
+        skip: called with each log of several, and of each topic with messages, that cannot be read, with the reason;
             without it that is an error.
         window_s: the part of the time that is wanted: simulation time, or since the first message of a motion.
         covariances: of messages, whether they are wanted, too.
@@ -271,7 +271,7 @@ def log_to_rerun(
 ) -> int:
     """Write a log as a Rerun recording; returns the samples, of a bag of another program the messages.
 
-    `skip` is told of each topic of a bag with messages that cannot be read; without it that is an error.
+    `skip` is called with each topic of a bag with messages that cannot be read; without it that is an error.
 
     Raises:
         LogError: `log` has nothing to show, or `target` is `log` itself or cannot be written.
@@ -357,7 +357,7 @@ def log_to_scene(log: str | Path, target: Path) -> None:
     """Write the scene of a log as it is attached: the text that was run, with changes and meshes as numbers in it.
 
     Raises:
-        LogError: `log` is no log of this package, or `target` is `log` itself or cannot be written.
+        LogError: `log` is not a log of this package, or `target` is `log` itself or cannot be written.
     """
     require_other(target, log)
     source = open_source(log)

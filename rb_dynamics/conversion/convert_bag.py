@@ -342,7 +342,7 @@ def table_of(
 ) -> Iterator[Rows]:
     """Yield the rows of a table of bags, one for each message, by log time within each block.
 
-    `spans` says which log times are wanted of a bag; all, if it does not. `skip`: see `messages_of`; it is told of each
+    `spans` says which log times are wanted of a bag; all, if it does not. `skip`: as in `messages_of`; called with each
     bag of several of which nothing can be read, too.
     """
     some = False

@@ -99,7 +99,7 @@ def _opened(path: Path, part: bool = False, on_fact: OnFact | None = None) -> Mc
 class SplitBag:
     """Several files that are one bag, read one after the other.
 
-    Of facts of one name the later stands, and the result is that of the last file: an earlier one's is no end. What was
+    Of facts of one name the later is kept, and the result is that of the last file, as no other is the end. What was
     lost is all told; what an earlier file lacks at its end, and a file that is not there, are a piece that is missing
     in between.
 
@@ -295,7 +295,7 @@ def _name(found: object) -> str:
     """Return a name as it stands in a bag.
 
     Raises:
-        TypeError: it is no text.
+        TypeError: it is not text.
     """
     if not isinstance(found, str):
         raise TypeError(f"found {found!r} where a name should stand")
@@ -401,7 +401,7 @@ def _zstd_parts(packed: BinaryIO) -> Iterator[bytes]:
     """Yield what is in zstd frames, in parts of no more than some 100 MB: bytes of zeros shrink 30 000 times.
 
     Raises:
-        ValueError: it is no zstd or is cut off.
+        ValueError: it is not zstd data, or is cut off.
         MissingExtraError: zstandard is not installed.
     """
     try:

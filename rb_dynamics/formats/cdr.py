@@ -73,7 +73,7 @@ def decode(type_name: str, data: bytes) -> tuple[Any, ...]:
     """Return the values of one message, as `encode` takes them; runs of float64 come as tuples.
 
     Raises:
-        LogError: `data` is cut short, or is no plain CDR.
+        LogError: `data` is cut short, or is not plain CDR.
     """
     if len(data) < _ORIGIN or data[0] != 0 or data[1] > 1:
         raise LogError(

@@ -1,4 +1,4 @@
-"""What the metadata of a log are called, and what they say of the files of a bag and of software versions."""
+"""The names of the metadata of a log, and what they record about the files of a bag and about software versions."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The MCAP container: schemas, channels, messages, metadata and attachments of a file, in the order of the file.
 
 A reader of our own, because that of the package mcap refuses a file without an end or with one damaged chunk, and
-allocates whatever a length in the file says. This one reads front to back without the index, so that it gets all there
-is in a file that was never finished, and checks every length before it allocates. It never looks inside a message.
+allocates whatever a length in the file says. This one reads front to back without the index, so that it gets everything
+from a file that was never finished, and checks every length before it allocates. It never looks inside a message.
 
 Format: the MCAP specification, version 0. A record is one byte of opcode, the length of its content, the content.
 """
@@ -181,7 +181,7 @@ def _block(messages: list[Message]) -> MessageBlock:
 
 
 Fact: TypeAlias = "dict[str, str] | bytes | McapChannel"
-"""What a record says that is no message: a metadata record, an attachment, or a channel by its topic."""
+"""What a record says that is not a message: a metadata record, an attachment, or a channel by its topic."""
 
 OnFact: TypeAlias = Callable[[str, Fact], None]
 
@@ -415,7 +415,7 @@ class McapFile:
 
     def _cut_chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield the messages before the end of the file; a checksum, which is of the whole chunk, proves nothing."""
-        # It ends within a record: that is no damage, the file is not complete.
+        # It ends within a record: that is not damage, the file is not complete.
         with contextlib.suppress(LogError, UnicodeDecodeError):
             compression, size, _, data = self._chunk_head(content, cut=True)
             yield from self._chunk_messages(self._unpacked(compression, data, size), take)
@@ -487,7 +487,7 @@ class McapFile:
         return Message(channel, log_time, publish_time, data[content:end])
 
     def _note(self, opcode: int, content: bytes) -> None:
-        """Keep what a record says that is no message."""
+        """Keep what a record says that is not a message."""
         fields = _Fields(content, self._damage)
         if opcode == Opcode.SCHEMA:
             (schema_id,) = fields.take("H")

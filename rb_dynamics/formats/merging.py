@@ -1,7 +1,7 @@
 """`merge`: several bags as one MCAP file, or a part of one; each message byte for byte.
 
-Of logs of this package it makes a bag like any other, with their scenes attached under their names: it is no run, and
-nothing takes it for one.
+Merged logs of this package become a bag like any other, with their scenes attached under their names. It is not the log
+of a run, and no command takes it for one.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ def is_log(path: str | os.PathLike[str]) -> bool:
 def move_aside(path: Path) -> Path | None:
     """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
 
-    Returns its new name; None where there is nothing to keep. A folder that is no bag stays where it is.
+    Returns its new name; None where there is nothing to keep. A folder that is not a bag stays where it is.
 
     Raises:
         LogError: it cannot be renamed.

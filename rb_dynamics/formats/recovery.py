@@ -32,7 +32,7 @@ class Recovered:
         channels: of the new file.
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
-        next_file: name of the file in which the old one says that it goes on; "" where it does not say so.
+        next_file: name of the file in which the old one says that it continues; "" where it does not say so.
     """
 
     file: BagFile
@@ -129,7 +129,7 @@ class Copy:
         attachments: Mapping[str, bytes],
         metadata: Mapping[str, Mapping[str, str]],
     ) -> None:
-        """Copy what is no message, and write the index."""
+        """Copy what is not a message, and write the index."""
         for channel in channels:
             self._declared(channel)
         for name, data in attachments.items():

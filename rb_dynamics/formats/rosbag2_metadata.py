@@ -71,7 +71,7 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
 
 
 def offered_qos(channel: McapChannel) -> list[Any]:
-    """Return the QoS profiles of a topic as its writer recorded them; none where that is no list."""
+    """Return the QoS profiles of a topic as its writer recorded them; none where that is not a list."""
     try:
         found = load(channel.metadata.get(QOS, ""), channel.topic, "list of QoS profiles")
     except SceneError:

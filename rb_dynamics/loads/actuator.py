@@ -1,7 +1,7 @@
 """`Actuator`: what is commanded by a number: a thruster, a magnetorquer, a reaction wheel.
 
-An actuator is data from the scene, and an effect: what it depends on counts like that of any other. What it does now
-follows from its commands and is the business of `actuator_bank.py`.
+An actuator is data from the scene, and an effect: what it depends on counts like that of any other. Its present state
+follows from its commands and is computed in `actuator_bank.py`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Setpoint:
         """Keep a float; what makes no sense is rejected where it is to act.
 
         Raises:
-            TypeError: it is no number, or the stamp no whole number.
+            TypeError: it is not a number, or the stamp no whole number.
         """
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise TypeError(f"setpoint: value is {shown(self.value)}, expected a number; write Setpoint(0.1)")
@@ -93,7 +93,7 @@ class Actuator(Effect):
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: it is no topic, or a number is out of range.
+            SceneError: it is not a topic, or a number is out of range.
         """
         instance(self.name, str, f"{self.kind}: name", "write a text")
         if fault := topic_fault(self.name) or topic_fault(self.topic):

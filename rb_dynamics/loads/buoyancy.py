@@ -1,4 +1,4 @@
-"""Buoyancy of a submerged body: a constant force through a point of it, which rights it if that is above the mass.
+"""Buoyancy of a submerged body: a constant force through a fixed point, which rights it if above the centre of mass.
 
 The fluid is at rest and has no surface; its resistance is drag, and its added mass is not modelled.
 """

@@ -1,4 +1,4 @@
-"""Central gravity: Newton's attraction by a distant centre and, where asked, its gradient over the body."""
+"""Central gravity: Newton's attraction by a distant centre and, on request, its gradient over the body."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # stand at the end of what a kernel is given, whatever is before them.
 _WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT = 1.0, 2.0, 3.0, 4.0
-# What follows a lag is no load of its own, see `transient.py`.
+# What follows a lag is not a load of its own, see `transient.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)

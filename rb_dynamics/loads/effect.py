@@ -128,7 +128,7 @@ class Effect:
         return None
 
     def gravity(self) -> Field | None:
-        """Return its gravitational acceleration (m/s^2), which no accelerometer feels; None where it is no gravity."""
+        """Return its gravitational acceleration (m/s^2), which no accelerometer feels; None where it is not gravity."""
         return None
 
     def magnetic_field(self) -> Field | None:

@@ -62,7 +62,7 @@ def terms_at(epoch: str) -> tuple[Term, ...]:
     """Return the terms at an epoch, between those of the model in straight lines of time.
 
     Raises:
-        SceneError: the epoch is no time, or beyond the model; or ppigrf is not installed.
+        SceneError: the epoch is not a time, or beyond the model; or ppigrf is not installed.
     """
     try:
         time = parsed(epoch)

@@ -1,4 +1,4 @@
-"""`Range`: which numbers an effect, an actuator or a sensor takes, told once for scenes and for Python."""
+"""`Range`: which numbers an effect, an actuator or a sensor accepts, defined once for scenes and for Python."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check_numbers(item: Ranged) -> None:
     """Make each number with a range a float.
 
     Raises:
-        TypeError: one is no number.
+        TypeError: one is not a number.
         SceneError: one is out of its range.
     """
     for name, (expected, _, *limits) in item.ranges.items():
@@ -54,7 +54,7 @@ def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: 
     """Make the attribute `name` three floats; a `direction` is not too short or too long to be made a unit vector.
 
     Raises:
-        TypeError: it is no sequence of numbers.
+        TypeError: it is not a sequence of numbers.
         SceneError: it is not three finite numbers, or zero where a `direction` is needed.
     """
     found = vector(getattr(item, name), f"{item.kind}: {name}", expected, SceneError)

@@ -154,7 +154,7 @@ class ReactionWheel(Actuator):
         return self.static_imbalance == 0.0 == self.dynamic_imbalance
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a wheel that is no part of `body`.
+        """Refuse a wheel that is not a part of `body`.
 
         Raises:
             SceneError: the body is a particle, or its inertia about the axis is not greater than the wheel's.

@@ -109,7 +109,7 @@ class Rotor(Effect):
         object.__setattr__(self, "spin_rate", knots)
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a rotor that is no part of `body`.
+        """Refuse a rotor that is not a part of `body`.
 
         Raises:
             SceneError: the body is a particle, or its inertia about the axis is smaller than the rotor's.

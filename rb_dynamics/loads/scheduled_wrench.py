@@ -29,10 +29,10 @@ class ScheduledWrench(Effect):
     entries: tuple[tuple[float, Wrench], ...]
 
     def __post_init__(self) -> None:
-        """Keep what a list holds now, and refuse what is no schedule.
+        """Keep what a list holds now, and refuse what is not a schedule.
 
         Raises:
-            TypeError: an entry is no pair of a time and a wrench.
+            TypeError: an entry is not a pair of a time and a wrench.
             SceneError: a time is not finite, or negative.
         """
         entries = []

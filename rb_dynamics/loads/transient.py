@@ -1,7 +1,7 @@
-"""`Transient`: the way from one held wrench to the next: the lag of a channel, the rise and fall of a thruster.
+"""`Transient`: the transition from one held wrench to the next: the lag of a channel, the rise and fall of a thruster.
 
-What acts on the way is known in closed form: a mean of the two whose weight goes from one to the other along an
-exponential or a straight line. So it needs no state, and depends neither on steps nor on outputs.
+The wrench in between is known in closed form: a weighted mean of the two, with a weight that changes exponentially or
+linearly. So it needs no state, and depends neither on steps nor on outputs.
 """
 
 from __future__ import annotations

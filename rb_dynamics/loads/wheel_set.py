@@ -1,8 +1,8 @@
 """`WheelSet`: the reaction wheels of one run: which of them turn freely, and what they and the body do to each other.
 
-A wheel is free, or it is held: its speed relative to the body stays, by friction at rest, by the drive at its largest
-or its commanded speed. That changes only at certain times, between which all is smooth; the engine looks for these
-times (`switching`) and ends a step there.
+A wheel is free, or it is held at a constant speed relative to the body: at rest by friction, or at its largest or its
+commanded speed by the drive. A wheel changes between the two only at certain times, between which the motion is smooth;
+the engine finds these times (`switching`) and ends a step there.
 
 The states of a run are one momentum about its axis for each wheel, H = J (W + a . w), then the work of the motors and
 the heat of friction (J), and, for the books, what the inner torque adds to those of the body: work (J) and impulse

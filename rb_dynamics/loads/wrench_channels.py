@@ -1,7 +1,7 @@
 """Wrench channels: each holds its last command until the next one or its timeout; channels add up.
 
-This module decides when a command takes effect and which commands are too large; `wrench.py` decides what a command
-does about the centre of mass.
+This module decides when a command takes effect and which commands are too large; `wrench.py` converts a command to
+force and torque about the centre of mass.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Channel:
         object.__setattr__(self, "optional", truth(self.optional, "optional"))
         for name in ("max_force", "max_torque"):
             limit = getattr(self, name)
-            # A masked number is neither infinite nor not: it is no limit.
+            # A masked number is neither infinite nor not: it is not a limit.
             if getattr(limit, "mask", False) or limit != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
@@ -584,7 +584,7 @@ class WrenchChannels:
 
     def _hold(self, channel: int, wrench: Wrench) -> tuple[HeldWrench, bool]:
         """Return what a command does while it is held, and whether the limits of its channel made it smaller."""
-        # What is no wrench at all has no size.
+        # What is not a wrench at all has no size.
         held, limits = self._frames.hold(wrench), self._channels[channel]
         limited = limits.limited(wrench)
         if limited is not wrench:

@@ -92,7 +92,7 @@ class Bag:
 
     @property
     def next_file(self) -> str:
-        """The file in which the last one here says that it goes on, and which is not here; "" where it is the last."""
+        """The missing file in which the last one here says that it continues; "" if none is missing."""
         return next_file(self.metadata)
 
     @property

@@ -1,4 +1,4 @@
-"""What a log of this package holds beyond any bag: its scene, its samples as rows, its commands by channel."""
+"""What a log of this package contains in addition to a bag: its scene, its samples as rows, its commands by channel."""
 
 from __future__ import annotations
 

@@ -550,7 +550,7 @@ def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]
     """Return the channel of each topic of the bag, without leading slash; a channel that is mapped has that topic only.
 
     Raises:
-        LogError: a topic is mapped to what is no channel.
+        LogError: a topic is mapped to what is not a channel.
     """
     channels = {topic.removeprefix("/"): topic for topic in topics}
     mapped = {source.removeprefix("/"): channel.removeprefix("/") for source, channel in mapping.items()}

@@ -126,7 +126,7 @@ def step(
     Order 8, under any load too; has no invariants beyond its accuracy.
 
     Raises:
-        ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
+        ConvergenceError: the step rotates the body so far that the result is not a rotation, or diverges.
     """
     f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     return end("dop853", f, _WEIGHTED_NODES, _WEIGHTS, _weighted(f, load), load)

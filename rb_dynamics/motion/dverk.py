@@ -38,7 +38,7 @@ def step(
     has no invariants beyond its accuracy.
 
     Raises:
-        ConvergenceError: the step rotates the body so far that the result is no rotation, or diverges.
+        ConvergenceError: the step rotates the body so far that the result is not a rotation, or diverges.
     """
     f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     return _sixth(f, _common(f, load), load)

@@ -135,7 +135,7 @@ def end(name: str, f: StepConstants, nodes: Row, weights: Row, slopes: Slopes, l
     """Return the change of state for h times the sum of `slopes` with `weights`; `nodes` are those of the slopes.
 
     Raises:
-        ConvergenceError: the result is no rotation, or not finite.
+        ConvergenceError: the result is not a rotation, or not finite.
     """
     turn, carried = total(f.h, weights, slopes), moved(f, nodes, weights, slopes, load)
     return increment(name, f, turn, carried, weights, slopes, load)

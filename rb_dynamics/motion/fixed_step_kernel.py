@@ -2,8 +2,9 @@
 
 The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
 bits. It pays once the steps taken and known to come would take plain Python as long as loading the kernel from the
-cache (a tenth of a second). What is not there yet another process compiles meanwhile. The environment variable
-`RB_DYNAMICS_COMPILE` overrides that: `never`, `always` (at the first step, by this process) or `auto` (the default).
+cache (a tenth of a second). A kernel that is not there yet is meanwhile compiled by another process. The environment
+variable `RB_DYNAMICS_COMPILE` overrides that: `never`, `always` (at the first step, by this process) or `auto` (the
+default).
 
 Effects of the package have kernels of their own (`loads/compiled_load.py`); other loads that vary in the step do not.
 

@@ -31,7 +31,7 @@ _SLOWEST = 1e-250
 
 
 class _Tumble(NamedTuple):
-    """A free rotation that is no spin about a fixed axis, in axes a, b, c.
+    """A free rotation that is not a spin about a fixed axis, in axes a, b, c.
 
     b is the middle axis and c the one about which the body goes round: the axis of the largest moment where
     L^2 > 2 T I_b, else of the smallest. The signs make the axes right-handed with w_c > 0 and w_a >= 0. Then

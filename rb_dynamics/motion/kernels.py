@@ -1,4 +1,4 @@
-"""All kernels by name, for whoever compiles them ahead."""
+"""All kernels by name, to compile them ahead."""
 
 from __future__ import annotations
 

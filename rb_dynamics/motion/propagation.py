@@ -1,4 +1,4 @@
-"""Propagation: many edges in one call of `propagation_kernel.py`, from where an arc stands and back."""
+"""Propagation: many edges in one call of `propagation_kernel.py`, from the present state of an arc and back to it."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def step(
     has no invariants: the normalisation hides the error of |q|, not that of energy and angular momentum.
 
     Raises:
-        ConvergenceError: the step rotates the body so far that a stage is no rotation, or diverges.
+        ConvergenceError: the step rotates the body so far that a stage is not a rotation, or diverges.
     """
     inverse_mass, differences, moments = 1.0 / inertia.mass, differences_of(inertia.moments), inertia.moments
     inverse = (1.0 / moments[0], 1.0 / moments[1], 1.0 / moments[2])

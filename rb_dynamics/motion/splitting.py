@@ -1,4 +1,4 @@
-"""Splitting into kicks and free motion: the wrench changes the momenta only, in between the body moves exactly.
+"""Splitting into kicks and free motion: the wrench changes only the momenta; between kicks the body moves exactly.
 
 All of the error comes from the wrench: none without torque and, with the near-integrable stages, one proportional to a
 small torque even at large steps. Energy and angular momentum change only in the kicks, by exactly the accumulated work

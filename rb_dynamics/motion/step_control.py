@@ -273,7 +273,7 @@ class AccuracyControl:
 
     Two results of doubling differ by some roundings of the rate, however short the stride. If that is more than a
     stride may add, their comparison does not show the error: a longer stride is tried, whose results do differ, and its
-    error is divided among the strides over the same time according to the order. Rounding is no reason for shorter
+    error is divided among the strides over the same time according to the order. Rounding is not a reason for shorter
     steps; if rounding alone exceeds the accuracy, the accuracy is refused.
 
     If the motion amplifies errors faster, as near the middle axis or in a chaotic tumble, the sum exceeds the share:
@@ -510,7 +510,7 @@ def _estimate(
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
     attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-    # A difference by rounding is no reason for shorter steps.
+    # A difference by rounding is not a reason for shorter steps.
     rounded = _EPSILON * (1.0 + rate * rest)
     attitude -= rounded
     per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))

@@ -168,7 +168,7 @@ def longest_step(
     """Return the longest step (s) that adds at most accuracy * step / horizon to the attitude error at the end.
 
     The last two terms of attitude and rate give the first one left out; an error of the rate grows for the whole
-    horizon. Rounding is no reason for shorter steps.
+    horizon. Rounding is not a reason for shorter steps.
     """
     unit = _clock(_rate(inertia, held, angular_velocity))
     memory = _Expansion(

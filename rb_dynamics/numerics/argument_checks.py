@@ -66,7 +66,7 @@ def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T,
     """Return the items of a sequence if each is an instance of `kind`.
 
     Raises:
-        TypeError: it is no sequence, or an item is of another type.
+        TypeError: it is not a sequence, or an item is of another type.
     """
     found = items(values, name, f"a sequence of {kind.__name__}")
     return tuple(instance(value, kind, f"{name}[{k}]", remedy) for k, value in enumerate(found))
@@ -194,7 +194,7 @@ def vectors(value: object, name: str) -> npt.NDArray[Any]:
 
 
 def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
-    # A set has no order, and the keys of a mapping are no components.
+    # A set has no order, and the keys of a mapping are not components.
     unordered = isinstance(value, (Set, Mapping)) or getattr(value, "ndim", 1) == 0
     listed = list(value) if isinstance(value, Iterable) and not unordered else []
     found = [number for number in map(_real, listed) if number is not None]

@@ -1,4 +1,4 @@
-"""Compile kernels in another process, beside the run that could use them: nobody waits, and the next run has them."""
+"""Compile kernels in another process, beside a run that could use them: it does not wait, and the next run has them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elliptic functions and integrals on plain floats, accurate to round-off, as the motion of a free body needs them.
+"""Elliptic functions and integrals on plain floats, accurate to round-off, as needed for the motion of a free body.
 
 Parameters are given by both m = k^2 and its complement m1 = 1 - m, each to full relative accuracy: near the separatrix
 m is 1 to the last digit and all information is in m1.

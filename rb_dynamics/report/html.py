@@ -2,7 +2,7 @@
 
 The file loads no script, font or picture from elsewhere, follows the reader's light or dark setting, and can be
 printed. All text is escaped; figures are inserted unchanged. If plotly is installed, the page contains its script, and
-each figure becomes one that answers when touched; scripts off, and on paper, it is the picture.
+each figure is interactive; with scripts off, and on paper, it is a static picture.
 """
 
 from __future__ import annotations

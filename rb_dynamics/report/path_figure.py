@@ -1,4 +1,4 @@
-"""The paths of bodies in space: as a picture seen from above and aside, as a plot that can be turned."""
+"""The paths of bodies in space: as a picture seen from above and from the side, and as a plot that can be turned."""
 
 from __future__ import annotations
 

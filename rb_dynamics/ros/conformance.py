@@ -1,9 +1,9 @@
 """Check what wrench commands do on the topics of any node: frames, lever arm, hold, timeout, channels, impulse, QoS.
 
 Needs WrenchStamped in and Odometry out, with stamps that advance, and nothing else acting on the body. The laws of
-motion are the judge, not a model: between two messages the momentum changes by the integral of force and torque. That
-integral, and so the check, is exact where the force does not turn with the body. Messages that the node should give
-are looked for on /diagnostics.
+motion are the criterion, not a model: between two messages the momentum changes by the integral of force and torque.
+That integral, and so the check, is exact where the force does not turn with the body. Messages that the node should
+give are looked for on /diagnostics.
 
     python -m rb_dynamics.ros.conformance --frame thruster:0,0.5,0.2 --second push --timed burst:0.2
 """

@@ -153,7 +153,7 @@ class Health:
         self._conditions[condition] = message
 
     def told(self, message: str) -> None:
-        """Log what was asked for and done; it is no problem."""
+        """Log what was asked for and done; it is not a problem."""
         self._say(OK, message)
 
     def warn(self, message: str) -> None:

@@ -1,4 +1,4 @@
-"""The node under a lifecycle, as a supervisor of a bringup manages it: configure, activate, deactivate, clean up.
+"""The node under a lifecycle, as the supervisor of a bringup manages it: configure, activate, deactivate, clean up.
 
 A managed node of its own beside the node `rigid_body`, which it makes and ends; docs/ros.md lists what each transition
 does.

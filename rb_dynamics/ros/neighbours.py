@@ -21,7 +21,7 @@ _WEAKER = {
 _SHARED = ("/diagnostics", "/tf", "/tf_static")
 # Number of topics named in a warning.
 _NAMED = 3
-# Names that the middleware reports for a participant that has no name yet, or is no node.
+# Names that the middleware reports for a participant that has no name yet, or is not a node.
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 

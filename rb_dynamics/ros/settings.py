@@ -282,7 +282,7 @@ def changed_state(parameters: Iterable[Parameter], state: State) -> State | None
     """Return `state` with what `parameters` set of it; None if they set nothing.
 
     Raises:
-        SceneError: a parameter is no list of numbers.
+        SceneError: a parameter is not a list of numbers.
     """
     values: dict[str, Any] = {}
     for parameter in parameters:

@@ -1,4 +1,4 @@
-"""`Measurements`: when the sensors of a run take their samples and when these come, in order of time."""
+"""`Measurements`: when the sensors of a run take their samples and when these arrive, in order of time."""
 
 from __future__ import annotations
 

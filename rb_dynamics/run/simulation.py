@@ -99,7 +99,7 @@ class Simulation:
         clipped: number of commands reduced by the limits of their channel.
         taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
             them.
-        continues: whether the run goes on from that in `scene.past`, with its bits and books. It does not if that run
+        continues: whether the run continues that in `scene.past`, with its bits and books. It does not if that run
             does not come to the scene's initial state, to the bit, such as with another body.
     """
 
@@ -133,7 +133,7 @@ class Simulation:
         self._outputs = 0
         # Up to then edges are taken one by one.
         self._one_by_one_ns = 0
-        # Schedules count from the beginning of the run that the scene goes on from.
+        # Schedules count from the beginning of the run that the scene continues.
         self._earlier_ns = 0 if scene.past is None else scene.past.length_ns
         if scene.past is None:
             self._prepare(scene)
@@ -144,7 +144,7 @@ class Simulation:
 
     def _prepare(self, scene: Scene, begin_ns: int = 0, channels: WrenchChannels | None = None) -> None:
         """Stand at the beginning of a run, at `begin_ns` of the time of this one, with what `channels` hold."""
-        # Effects count time from the beginning of the run that the scene goes on from.
+        # Effects count time from the beginning of the run that the scene continues.
         elapsed = (self._earlier_ns + begin_ns) / NANOSECONDS
         self._planned = scene, begin_ns, elapsed
         self.plan = Plan(*self._planned)

@@ -1,4 +1,4 @@
-"""`StateChange`: a body that is moved to another state during a run, as by motion capture; the books count the jump."""
+"""`StateChange`: a body is moved to another state during a run, as by motion capture; the balances include the jump."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class StateChange:
         """Return the change of `body` to `state`, at its time.
 
         Raises:
-            SceneError: it is no state of the body.
+            SceneError: it is not a state of the body.
         """
         try:
             state = state.checked("state")

@@ -61,7 +61,7 @@ class Solver:
 
 @dataclass(frozen=True)
 class Past:
-    """The run that a scene goes on from, from its beginning: so that it goes on with the same bits.
+    """The run that a scene continues, from its beginning: so that it continues with the same bits.
 
     Attributes:
         length_ns: how long it lasted until the scene begins.
@@ -96,7 +96,7 @@ class Scene:
         actuators: what is commanded by a number, in the order of the scene.
         sensors: what measures the motion, in the order of the scene; their topics are their names.
         seed: of the noise of the sensors.
-        past: the run that it goes on from; None for a scene that begins by itself.
+        past: the run that it continues; None for a scene that begins by itself.
         findings: suspicious properties of the body; not part of the scene.
         surface: mesh file of the body and its unit in m, for pictures; not part of the scene.
     """

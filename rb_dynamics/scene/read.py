@@ -87,7 +87,7 @@ def opened(scene: Scene | str | os.PathLike[str]) -> Scene:
 def read_scene(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Scene:
     """Return the scene in the YAML file `path`, with the dotted keys in `overrides` replaced.
 
-    A name without a folder that is no file here, such as "slew.yaml", is looked up among the scenes of the package.
+    A name without a folder that is not a file here, such as "slew.yaml", is looked up among the scenes of the package.
 
     Raises:
         SceneError: the file cannot be read, or is not a valid scene; one line for each problem.

@@ -1,4 +1,4 @@
-"""Read states of a scene: where it begins (`initial`), and the run that it goes on from (`continues`)."""
+"""Read states of a scene: where it begins (`initial`), and the run that it continues (`continues`)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def initial_state(section: Section, body: RigidBody | None) -> State:
 
 
 def past(field: Field | None, body: RigidBody | None) -> Past | None:
-    """Return the run that the scene goes on from; None if it begins by itself."""
+    """Return the run that the scene continues; None if it begins by itself."""
     if field is None:
         return None
     section = field.section(_PAST_KEYS)

@@ -47,7 +47,7 @@ class AxisErrors:
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what are no errors.
+        """Refuse what are not errors.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -105,7 +105,7 @@ class AxisErrors:
         return measure
 
     def covariance(self, rate: float) -> tuple[float, ...]:
-        """Return the covariance of a sample, row by row: white noise and rounding; a bias is no noise."""
+        """Return the covariance of a sample, row by row: white noise and rounding; a bias is not noise."""
         variance = self.noise_density * self.noise_density * rate + self.resolution * self.resolution / 12.0
         return diagonal((variance, variance, variance))
 

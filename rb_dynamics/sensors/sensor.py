@@ -1,6 +1,6 @@
-"""`Sensor`: reads the true motion at times of its own, and publishes it late, off and noisy. It changes no motion.
+"""`Sensor`: samples the true motion, and publishes it late, with errors and noise; it does not affect the motion.
 
-A sensor is data from the scene. For each run it begins a `Reading`, which is asked for one sample after the other.
+A sensor is data from the scene. For each run it begins a `Reading`, which gives one sample after the other.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ class GuardedSink:
         guard_open: bool = True,
         before_open: Callable[[], None] | None = None,
     ) -> None:
-        """Guard `sink`; `on_error` hears of the failure that stops it.
+        """Guard `sink`; `on_error` is called with the failure that stops it.
 
         `guard_open=False` lets a sink that cannot even be opened stop the run, which has not begun. `before_open` makes
         room for it, when the sinks of an earlier run are closed, and is guarded with it.

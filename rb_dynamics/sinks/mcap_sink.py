@@ -5,9 +5,9 @@ command received, rejected ones too (`<topic>`), and the wrench applied (`<topic
 time in nanoseconds: for a command, when it took effect, whatever the clock of its stamp. The scene is attached as
 `scene.yaml`. Metadata: `rb_dynamics` describes the run, `rb_dynamics.topics` names each topic in the file, and
 `rb_dynamics.result` has the end of the run, with `states_sha256` over all samples. After each chunk
-`rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay. Where
-the body was moved from outside, `set_state` has to where. Where
-messages are stamped with ROS time, `rb_dynamics.epoch` has the ROS time of simulation time 0.
+`rb_dynamics.checkpoint` has that hash so far, so that a log that was cut off can be compared with a replay. If the
+body was moved from outside, `set_state` has the states that were set. If messages are stamped with ROS time,
+`rb_dynamics.epoch` has the ROS time of simulation time 0.
 
 Never imports ROS, never changes or drops a value, and holds nothing back from the file for longer than `flush_s` of
 wall time. An earlier file of the name is replaced.
@@ -122,7 +122,7 @@ class McapSink:
             namespace: put before relative topic names.
             remap: absolute names of single topics, by relative name; they win over `namespace`.
             settings: how the log is kept.
-            states: goes on with the hash of an earlier file of the same run.
+            states: continues the hash of an earlier file of the same run.
             start_ns: when this file of the run begins.
         """
         self.path = Path(path)

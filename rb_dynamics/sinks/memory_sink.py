@@ -43,7 +43,7 @@ class MemorySink:
         self.samples, self.applied, self.rejected, self.commands, self.measurements = [], [], [], [], []
 
     def write(self, event: Event) -> None:
-        """Keep an event; a status is no part of a run."""
+        """Keep an event; a status is not a part of a run."""
         if isinstance(event, Sample):
             self.samples.append(event)
         elif isinstance(event, AppliedWrench):

@@ -1,4 +1,4 @@
-"""What sensors gave, for Rerun: rates and attitudes in body axes, beside the true ones; the rest as in the messages."""
+"""What sensors measured, for Rerun: rates and attitudes in body axes, beside the true ones, and the other messages."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class BagSink:
         """Begin the first file.
 
         Raises:
-            LogError: the folder holds what is no part of a bag of its name, or cannot be written.
+            LogError: the folder holds what is not a part of a bag of its name, or cannot be written.
         """
         earlier = self._earlier()
         self._run, self._states = run, StateHash()

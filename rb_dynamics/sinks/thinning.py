@@ -1,6 +1,6 @@
 """Thinning of a run for pictures: which samples, wrench changes, path points and curve pieces to keep.
 
-Everything kept happened; nothing is interpolated.
+Everything that is kept happened; nothing is interpolated.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """`covariance`: how an uncertainty of state and body grows along a flight, to first order.
 
-The derivatives of the motion are those of `identify`: the variational equations, flown under what acted in the run.
-Whether they give the motion of the run is checked, and so is how far the motion is linear: flights that are one
-standard deviation off, in the directions that count most, are flown, too.
+The derivatives of the motion are those of `identify`: the variational equations, under the loads that acted in the
+run. It is checked whether they give the motion of the run, and how far the motion is linear: by simulating flights that
+are one standard deviation off, in the directions that matter most.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def covariance(
 
     Raises:
         TypeError: an argument has the wrong type.
-        LogError: `log` is no log of this package, or the file cannot be read.
+        LogError: `log` is not a log of this package, or the file cannot be read.
         SceneError: a name or a value is wrong, or derivatives of the scene are not known.
     """
     if not isinstance(log, (str, os.PathLike)):
@@ -320,7 +320,7 @@ def _departure(
 
 
 def _moved(model: Model, z: Array, by: Array, change: Array) -> Array | None:
-    """Return parameters with the numbers changed, mass and inertia by as much as they are; None if that is no body."""
+    """Return parameters with the numbers changed, mass and inertia in proportion; None if that is not a body."""
     moved: Array = z + by @ change
     if "mass" in model.layout:
         at_mass = model.layout["mass"].at

@@ -1,9 +1,9 @@
-"""`scene_at`: a scene that goes on from a time of a log, with the same bits. `whole_run`: the logs of both as one.
+"""`scene_at`: a scene that continues a log from a time on, with the same bits. `whole_run`: the logs of both as one.
 
-The log is run again up to that time. The new scene begins with the state there, to the last bit, and says in
-`continues` from what run it comes: its first state and the commands until then. When the scene is run, the earlier part
-is computed again but not output; so the method and the totals of work and impulse go on too, and every later number is
-that of the run.
+The log is run again up to that time. The new scene begins with the state there, to the last bit, and describes
+in `continues` the run that it comes from: its first state and the commands until then. When the scene is run, the
+earlier part is computed again but not output, so the method and the totals of work and impulse continue too, and every
+later number is that of the original run.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class SceneAt:
 
     Attributes:
         text: YAML.
-        notes: what it does not take along; empty if it goes on with the same bits.
+        notes: what it does not take along; empty if it continues with the same bits.
         later: whether the log has commands from then on.
     """
 
@@ -59,8 +59,8 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     that time goes on without them.
 
     Raises:
-        LogError: it is no log of this package, does not reach `time_ns`, the body was moved from outside before, or the
-            scene has actuators.
+        LogError: it is not a log of this package or ends before `time_ns`, the body was moved from outside before, or
+            the scene has actuators.
         SceneError: the scene in it is not valid.
     """
     source = open_source(Path(log))

@@ -1,4 +1,4 @@
-"""`uncertain_numbers`: which numbers of state and body are uncertain, and how much: by name, of a file or of a fit."""
+"""`uncertain_numbers`: which numbers of state and body are uncertain, and by how much: by name, or of a file or fit."""
 
 from __future__ import annotations
 

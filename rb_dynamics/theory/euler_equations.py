@@ -1,8 +1,8 @@
 """Euler's equations as functions of arrays, and the motions that they leave in closed form without elliptic functions.
 
-Torque and angular acceleration either way, in space and in the plane; a spin that stays what it is; the symmetric top.
-Everything is about the centre of mass and in body axes. Where an array has NaN or infinity, so has the result; what is
-no array of real numbers, or has another shape, is refused. Equation numbers are those of lecture 24. Never integrates:
+Torque and angular acceleration either way, in space and in the plane; a steady spin; the symmetric top. Everything is
+about the centre of mass and in body axes. Where an array has NaN or infinity, so has the result; anything that is not
+an array of real numbers of the right shape is refused. Equation numbers are those of lecture 24. Never integrates:
 `rb_dynamics.simulate` and `rb_dynamics.free_motion` do.
 """
 
@@ -89,7 +89,7 @@ def require_state(state: State) -> State:
     """Return `state`, with its angular velocity and attitude finite.
 
     Raises:
-        TypeError: it is no `State`, or has parts that are no numbers.
+        TypeError: it is no `State`, or has parts that are not numbers.
         BodyError: a number is not finite, or the quaternion not of norm 1.
     """
     try:

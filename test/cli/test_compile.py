@@ -1,4 +1,4 @@
-"""`rb-dynamics compile`: what is compiled ahead, and what is no kernel."""
+"""`rb-dynamics compile`: what is compiled ahead, and what is not a kernel."""
 
 from __future__ import annotations
 

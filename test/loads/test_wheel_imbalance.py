@@ -1,4 +1,4 @@
-"""Imbalance of wheels: against other equations; books, replay and pieces beside all else; what is no imbalance."""
+"""Imbalance of wheels: against other equations; books, replay and pieces beside all else; what is not an imbalance."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_a_step_for_lanes_is_the_step(name: str) -> None:
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in LANE_METHODS])
 class TestLanes:
     def test_have_the_bits_of_a_body_alone(self, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-        """The number of bodies is no multiple of the block, one thread and several; alone in plain Python."""
+        """The number of bodies is not a multiple of the block, one thread and several; alone in plain Python."""
         case = Case(BODIES, fastest=5.0)
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
         moved = case.moved(name, 20)

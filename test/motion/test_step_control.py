@@ -211,7 +211,7 @@ class TestStride:
             assert arc.steps_to(20 * NANOSECONDS) <= 6
 
     def test_distance_from_the_origin_does_not_shorten_it(self) -> None:
-        """Rounding of a far position is no error of the method."""
+        """Rounding of a far position is not an error of the method."""
         counts = []
         for x in (0.0, 1e3, 1e9, 1e12):
             start = State(

@@ -54,7 +54,7 @@ class Anything:
 NOT_FINITE = [math.nan, math.inf, -math.inf]
 NO_NUMBERS = [None, "text", Anything(), {}, 1j, np.complex128(1 + 1j), np.True_, [[1.0]], (1.0, "a", 2.0)]
 NO_VECTORS = [*NO_NUMBERS, 1.0, (1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0), (math.nan, 0.0, 0.0), np.ones((3, 3))]
-NO_VECTORS += [{3.0, 1.0, 2.0}, {3.0: 0.0, 1.0: 0.0, 2.0: 0.0}]  # without an order; whose keys are no components
+NO_VECTORS += [{3.0, 1.0, 2.0}, {3.0: 0.0, 1.0: 0.0, 2.0: 0.0}]  # without an order; whose keys are not components
 NO_OBJECTS = [None, "text", 1.0, [1.0], Anything(), rb.Wrench]
 NO_COUNTS = [*NO_NUMBERS, *NOT_FINITE, 0.5]
 NO_TIMES = [*NO_COUNTS, 2**63, -(10**400)]

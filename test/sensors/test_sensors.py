@@ -75,7 +75,7 @@ duration: 0.01
 
 
 def test_the_first_sample_feels_what_acts_from_the_beginning_on() -> None:
-    """As the one a nanosecond later does: gravity, schedules and biases are no commands, which act after a sample."""
+    """As the one a nanosecond later does: gravity, schedules and biases are not commands, which act after a sample."""
     text = f"""{BODY.replace("timeout: 0.4", "bias: {force: [1, 2, 3], torque: [0.1, 0.2, 0.3]}")}
 effects:
   - {{type: uniform_gravity, acceleration_world: [0, 0, -9.81]}}

@@ -97,7 +97,7 @@ class TestUnits:
     def test_of_time_do_not_matter(self, method: str, exponent: int) -> None:
         """Rates twice as fast, forces four times as large, steps half as long; a clear error where products overflow.
 
-        At the ends the torques are 1e-200 and 1e200 and the rates 1e-100 and 1e100: their third powers are no numbers.
+        At the ends the torques are 1e-200 and 1e200 and the rates 1e-100 and 1e100: their third powers are not numbers.
         """
         case, s = forced(), 2.0**exponent
         phase = PhaseState.of(case.body, case.initial)

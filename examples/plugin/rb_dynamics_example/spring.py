@@ -28,7 +28,7 @@ class Spring(Effect):
     anchor_world: Vector = ZERO
 
     def __post_init__(self) -> None:
-        """Refuse what is no spring.
+        """Refuse what is not a spring.
 
         Raises:
             TypeError: an argument is not of its type.

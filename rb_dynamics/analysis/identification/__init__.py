@@ -1,1 +1,1 @@
-"""Identification: mass properties and more from recordings, with standard errors, and what no recording tells."""
+"""Identification: mass properties and more from recordings, with standard errors, and what they cannot determine."""

@@ -1,8 +1,9 @@
-"""What the residuals of a fit tell of its errors: whether they are noise, of which colour, and how far they exceed it.
+"""What the residuals of a fit say about its errors: whether they are noise, white or coloured, or exceed noise.
 
-Residuals that are not white are coloured noise or an error of the model; they do not tell which. The errors of a fit
-are first those of coloured noise. An error of the model acts on all parameters alike for the whole flight, as noise
-does not, and the errors are then doubled (Maine & Iliff, NASA RP-1077 (1981), find 5 to 10 times those of white noise).
+Residuals that are not white are coloured noise or an error of the model; they do not show which. The standard errors of
+a fit are first computed as for coloured noise. An error of the model, unlike noise, acts on all parameters alike for
+the whole flight; the standard errors are then doubled (Maine & Iliff, NASA RP-1077 (1981), find 5 to 10 times those of
+white noise).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`read_csv_flight`: a flight from a CSV file with named columns, in SI units.
 
-Each row has a time; a cell that is empty was not measured then, so that sensors may have rates of their own.
+Each row has a time. An empty cell was not measured at that time, so each sensor may have its own rate.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def read_csv_flight(
     `wrench_topics`, or all of them.
 
     Raises:
-        LogError: the file cannot be read, lacks a column or has a cell that is no number, or times that go back.
+        LogError: the file cannot be read, lacks a column, has a cell that is not a number, or has times that go back.
     """
     times, found = _read(path, dict(columns or {}))
     measured: dict[str, Mask] = {name: np.asarray(np.isfinite(v).all(axis=1)) for name, v in found.items()}

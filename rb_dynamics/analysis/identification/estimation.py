@@ -1,4 +1,4 @@
-"""Fit the parameters of a `Model`: least squares from several starts over a growing horizon, and what they then tell.
+"""Fit the parameters of a `Model`: least squares from several starts over a growing horizon, and what they determine.
 
 A flight over many turns has many minima. Over its first turn it has few: each start is fitted there first, then over
 longer and longer pieces. Each sensor is weighted by its own noise, which the fit estimates along the way.
@@ -44,7 +44,7 @@ _ENOUGH = 1.3
 _ITERATIONS = 80
 # Of the cost: a gain that its rounding may hide.
 _ROUNDING = 1e-11
-# Of the noise: more is no motion of a body any more.
+# Of the noise: a larger one is not that of a moving body.
 _RUNAWAY = 1e12
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
@@ -234,7 +234,7 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
         if name not in cache:
             cache.clear()
             left, by = stacked(list(model.predict(at, until)), noise)
-            # Where the motion runs away its numbers do too, and their squares are no numbers at all.
+            # Where the motion runs away its numbers do too, and their squares are not finite.
             if not sane(left, by):
                 left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
                 by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
@@ -309,7 +309,7 @@ def _of_a_motion(model: Model, predicted: Sequence[Predicted], noise: dict[Key, 
 
 
 def sane(left: Array, by: Array) -> bool:
-    """Return whether neither residuals nor derivatives have run away, or are no numbers."""
+    """Return whether neither residuals nor derivatives have run away, or are not numbers."""
     return all(float(np.abs(each).max(initial=0.0)) < _RUNAWAY for each in (left, by))
 
 

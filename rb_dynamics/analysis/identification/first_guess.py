@@ -2,7 +2,8 @@
 
     I w + int w x (I w + h) + h = int t        m (x - x0 - v0 t - int int g) = int int f
 
-Rates enter as measured, so that noise makes the result rough: it is a start for a fit, whatever the scene says.
+Rates enter as measured, so noise makes the result rough: it only serves as a starting point for a fit, independent of
+the values in the scene.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ class Flight:
         """Refuse a recording between whose samples the body may have turned any number of times.
 
         Raises:
-            LogError: it turns by more than pi in the intervals of every sensor that tells of its rotation, or no
+            LogError: it turns by more than pi in the intervals of every sensor that measures its rotation, or no
                 attitude follows from those before.
         """
         turning = [s for s in self.streams if s.kind in (ATTITUDE, RATES) and len(s.time_ns) >= _FEWEST]
@@ -182,7 +182,7 @@ def _cut(stream: Stream, end_ns: int) -> Stream:
 def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what the bag `path` measured; `commands` are bags with the wrenches, where they are not in it.
 
-    `topics` of a bag of another program tell of the body; its wrenches are in `commands`, where these are given.
+    `topics` of a bag of another program describe the body; its wrenches are in `commands`, where these are given.
 
     Raises:
         LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`.

@@ -1,7 +1,7 @@
-"""`identify`: what recordings tell about a body, and how surely; see `Identification`.
+"""`identify`: what recordings say about a body, and how certain it is; see `Identification`.
 
-What is told comes from the information matrix of the fit: beside the recordings each number is taken to be known to
-about its own size, and it counts as told if the recordings make that several times better.
+What the recordings determine follows from the information matrix of the fit. Besides the recordings, each number is
+assumed to be known to about its own size; it counts as determined if the recordings make it several times more certain.
 """
 
 from __future__ import annotations
@@ -237,7 +237,7 @@ def identify(
         fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are told.
         commands: bags with the commands, where the recordings have none; of the same clock.
         columns: of .csv recordings, by what they hold, as in {"gyro": ("wx", "wy", "wz")}; see `QUANTITIES`.
-        topics: which topics of bags of other programs tell of the body; found by type and name otherwise.
+        topics: which topics of bags of other programs describe the body; found by type and name otherwise.
         validate: recordings that are not fitted but predicted, from a start that is fitted to each.
         loss: of residuals: "linear", or one of scipy's that outliers hardly change.
         starts: number of starts.

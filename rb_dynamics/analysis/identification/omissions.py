@@ -1,9 +1,9 @@
-"""What a fit lacks: whether a load that nobody told of, or an error of a sensor, explains what it leaves.
+"""What a fit lacks: whether a load that is not in the scene, or an error of a sensor, explains its residuals.
 
-A torque that is constant and small hides in the noise while it pulls the inertia many standard errors off: the fit
-bends what it has until the residuals are nearly white. So each candidate is added to the model and one step of Gauss
-and Newton is taken with it, from the exact derivatives that a fit has anyway. Its numbers over their covariance are an
-F statistic; where the residuals are coloured with it, too, the covariance of coloured noise, doubled, counts instead.
+A small constant torque hides in the noise while it shifts the inertia by many standard errors: the fit adjusts its
+parameters until the residuals are nearly white. So each candidate is added to the model, and one Gauss-Newton step is
+taken with it, from the exact derivatives that the fit has anyway. Its numbers relative to their covariance give an F
+statistic. If the residuals stay coloured with the candidate, the covariance of coloured noise, doubled, is used.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         own = step[len(old) :]
         value, error = start + scale * own, scale * np.sqrt(level * np.diagonal(of_load))
         if candidate.kind == LinearDrag.kind and (value < -_PUSHED * error).any():
-            # What adds energy is no drag.
+            # What adds energy is not drag.
             chance = 1.0
         if chance <= CHANCE:
             after = fit._replace(

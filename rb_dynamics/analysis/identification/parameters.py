@@ -3,7 +3,7 @@
 Each is scaled: 0 is the starting value, and about 1 is the largest plausible change. The inertia is that of second
 moments of mass S = (tr I / 2) 1 - I = L M M^T L^T, with L of the start and M lower triangular with a positive diagonal
 (log-Cholesky; Rucker & Wensing, IEEE RA-L 7 (2022) 2439): every value is that of a body. One number is the logarithm of
-the trace, and five are its shape, which is all that a motion without torque tells.
+the trace, and five are its shape, which is all that torque-free motion can determine.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`Residuals`: what a fit leaves of each kind of measurement, judged against noise."""
+"""`Residuals`: the residuals of a fit for each kind of measurement, compared with noise."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class ControlLoop:
         if name == TORQUE:
             found = np.minimum(np.maximum(numbers, -self._most), self._most) + self._bias
         possible = [each[name == TORQUE] if is_wrench else sys.float_info.max for each in self._largest]
-        # What is no number is not within it, either.
+        # What is not a number is not within it, either.
         within = np.abs(found).reshape(len(possible), -1) <= np.array(possible)[:, None]
         lost = ~np.all(within, axis=-1)
         for place in np.flatnonzero(lost).tolist():

@@ -3,9 +3,9 @@
 For the laws of this package small motion about one principal axis is linear: theta' = w, I w' = u, with u = -k theta -
 d w sampled every T, acting a delay later and held, through a channel that may have a delay and a lag of its own. Each
 sample multiplies the state by a matrix; the motion grows if an eigenvalue has a magnitude above 1 (Astrom and
-Wittenmark, Computer-Controlled Systems, section 3.2). Any other law may keep state and see sensors, so no matrix of it
-is known: run 0 is flown with it, and again with half the period and delay. A rate that grows, and much less so in the
-second flight, grows because of the period.
+Wittenmark, Computer-Controlled Systems, section 3.2). Any other law may keep state and see sensors, so its matrix is
+not known: run 0 is simulated with it, and again with half the period and delay. If a rate grows, and grows much less in
+the second run, the period is the cause.
 """
 
 from __future__ import annotations

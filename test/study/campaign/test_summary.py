@@ -149,7 +149,7 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
         ((Requirement("final_rate", 19.0, 0.5),), "final_rate: 20 rad/s, the largest, in run 0"),
     ):
         assert expected in as_text(campaign, summarise(replace(campaign, requirements=limits), rows))
-    # A run that could not be flown is no worst run: it stands among those.
+    # A run that could not be flown is not a worst run: it stands among those.
     rows["error"] = [*(7 * [""]), "too fast", *(28 * [""])]
     required = replace(campaign, requirements=(Requirement("settled", 100.0),))
     for each in (campaign, required):
