@@ -10,8 +10,8 @@ from typing import NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
-from rb_dynamics.loads.effect import Field, Point, Wrenching
-from rb_dynamics.loads.magnetorquer import Magnetorquer
+from rb_dynamics.loads.effect import Field, Wrenching
+from rb_dynamics.loads.magnetorquer import Magnetorquer, turned_in_field
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.transient import Transient
@@ -20,7 +20,7 @@ from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, cross
+from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 class _Edge(NamedTuple):
@@ -135,20 +135,21 @@ class ActuatorBank:
                 total = total + actuator.held(self._frames, value)
         return total
 
-    def wrenching(self) -> Wrenching | None:
-        """Return what the magnetorquers do in the field, as they are now; None where they do nothing."""
+    @property
+    def dipole(self) -> Vector:
+        """What the magnetorquers have, as they are now, A m^2, principal axes."""
         dipole: Vector = ZERO
         for actuator, value in zip(self._actuators, self._values, strict=True):
             if isinstance(actuator, Magnetorquer):
                 dipole = add(dipole, actuator.dipole(value))
+        return dipole if dipole == ZERO else rotate_inverse(self._body.principal_orientation_xyzw, dipole)
+
+    def wrenching(self) -> Wrenching | None:
+        """Return what the magnetorquers do in the field, as they are now; None where they do nothing."""
+        dipole, field = self.dipole, self._field
         if dipole == ZERO:
             return None
-        m, field = rotate_inverse(self._body.principal_orientation_xyzw, dipole), self._field
-
-        def torque(point: Point) -> tuple[Vector, Vector]:
-            return ZERO, cross(m, rotate_inverse(point.orientation, field(point.time)(point.position)))
-
-        return torque
+        return lambda point: turned_in_field(dipole, field(point.time)(point.position), point)
 
     def _place(self, topic: str) -> int:
         place = self._index.get(topic.lstrip("/"))

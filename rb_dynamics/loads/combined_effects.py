@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.compiled_load import effect_numbers
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
@@ -136,13 +137,19 @@ class CombinedEffects:
 
         return at
 
-    def numbers(self, start: float) -> tuple[float, ...] | None:
-        """Return the same load for kernels; None if there is none, or an effect has no numbers."""
-        return None if self.takes == LoadDependence.HELD else effect_numbers(self.effects, self.body, start)
+    def numbers(self, start: float, dipole: Vector = ZERO) -> tuple[float, ...] | None:
+        """Return the same load for kernels; None if there is none, or an effect has no numbers.
+
+        Of actuators only the `dipole` (A m^2, principal axes) of magnetorquers counts.
+        """
+        effects = [effect for effect in self.effects if not isinstance(effect, Actuator)]
+        return None if self.takes == LoadDependence.HELD else effect_numbers(effects, self.body, start, dipole)
 
     @property
     def compile(self) -> bool:
         """Whether kernels take the load."""
+        if any(isinstance(effect, Actuator) for effect in self.effects):
+            return False
         return self.takes == LoadDependence.HELD or self.numbers(0.0) is not None
 
     def lasting(self) -> Lasting | None:

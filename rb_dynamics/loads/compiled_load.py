@@ -1,7 +1,7 @@
 """`EffectLoad`: the effects of the package as numbers, and their load as a kernel evaluates it.
 
 The functions are those of the effects themselves, so the bits are those of plain Python. What is not here, such as the
-effects of plug-ins and actuators, has no numbers: its scenes run in plain Python.
+effects of plug-ins, has no numbers: its scenes run in plain Python.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attrac
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.load import evaluated
-from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.loads.magnetic_field import MagneticField, Source, flux_density
+from rb_dynamics.loads.magnetorquer import turned_in_field
 from rb_dynamics.loads.rotor import Rotor, Spin, reaction
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench_channels import ChannelBias, ChannelLag
 from rb_dynamics.numerics.compilation import compiled_by
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector, add, norm
+from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.arrays import Numbers
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 # Numbers of one effect: its kind, and what its load depends on. Behind the last effect stands how many there are; all
 # stand at the end of what a kernel is given, whatever is before them.
 _WIDTH = 16
-_ATTRACTION, _RESISTANCE, _SPIN, _LIFT = 1.0, 2.0, 3.0, 4.0
+_ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
 # What follows a lag is not a load of its own, see `transient.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
@@ -53,8 +54,13 @@ class EffectLoad(NamedTuple):
     position: Vector
 
 
-def effect_numbers(effects: Iterable[Effect], body: RigidBody, start: float) -> tuple[float, ...] | None:
-    """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none."""
+def effect_numbers(
+    effects: Sequence[Effect], body: RigidBody, start: float, dipole: Vector = ZERO
+) -> tuple[float, ...] | None:
+    """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none.
+
+    `dipole` (A m^2, principal axes) is what the body has in their field; in one of several sources it has no numbers.
+    """
     found: list[float] = []
     count = 0
     for effect in effects:
@@ -65,6 +71,13 @@ def effect_numbers(effects: Iterable[Effect], body: RigidBody, start: float) -> 
         numbers = _numbers(effect, body, start) if kind in _WITH_LOAD else None
         if numbers is None:
             return None
+        found += (*numbers, *(0.0,) * (_WIDTH - len(numbers)))
+        count += 1
+    if dipole != ZERO:
+        fields = [effect for effect in effects if isinstance(effect, MagneticField)]
+        if len(fields) != 1 or fields[0].model == "igrf":
+            return None
+        numbers = (_DIPOLE, *dipole, *_flat(fields[0].source))
         found += (*numbers, *(0.0,) * (_WIDTH - len(numbers)))
         count += 1
     return (*found, float(count))
@@ -89,7 +102,7 @@ def _flat(parts: Iterable[float | tuple[float, ...]]) -> list[float]:
     return [float(number) for part in parts for number in (part if isinstance(part, tuple) else (part,))]
 
 
-@compiled_by(evaluated)
+@compiled_by(evaluated, EffectLoad)
 def evaluated_by_numbers(
     load: EffectLoad,
     t: float,
@@ -146,6 +159,8 @@ def _load(c: Numbers, i: int, here: Point) -> tuple[Vector, Vector]:
         return resisted(_resistance_at(c, i + 1), here)
     if kind == _SPIN:
         return reaction(_spin_at(c, i + 1), here)
+    if kind == _DIPOLE:
+        return turned_in_field(_vector_at(c, i + 1), add(ZERO, flux_density(_source_at(c, i + 4), here.position)), here)
     return lifted(Lift(_vector_at(c, i + 1), _vector_at(c, i + 4)), here)
 
 
@@ -160,6 +175,10 @@ def _resistance_at(c: Numbers, i: int) -> Resistance:
 
 def _spin_at(c: Numbers, i: int) -> Spin:
     return Spin(_vector_at(c, i), c[i + 3], c[i + 4], c[i + 5], c[i + 6])
+
+
+def _source_at(c: Numbers, i: int) -> Source:
+    return Source(c[i] != 0.0, _vector_at(c, i + 1), _vector_at(c, i + 4), _vector_at(c, i + 7))
 
 
 def _vector_at(c: Numbers, i: int) -> Vector:

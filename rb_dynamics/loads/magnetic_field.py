@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Field
 from rb_dynamics.loads.igrf import EPOCH, field_in_world, terms_at
 from rb_dynamics.loads.ranges import check_vector
 from rb_dynamics.numerics.argument_checks import instance, shown
+from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract
 
 if TYPE_CHECKING:
@@ -25,6 +27,39 @@ _KEYS = {
 
 # mu_0 / 4 pi (T m/A): its value before 2019, which CODATA 2018 confirms to 2e-10.
 _MU_0_BY_4_PI = 1e-7
+
+
+class Source(NamedTuple):
+    """A uniform flux density (T), or a dipole moment (A m^2) and where it is (m); world axes."""
+
+    is_dipole: bool
+    field: Vector
+    moment: Vector
+    center: Vector
+
+
+def flux_density(source: Source, place: Vector) -> Vector:
+    """Return B (T) at a place.
+
+    Raises:
+        ConvergenceError: the place is where the dipole is.
+    """
+    if not source.is_dipole:
+        return source.field
+    away, moment = subtract(place, source.center), source.moment
+    distance = norm(away)
+    if distance == 0.0:
+        return _infinite(place)
+    n = scale(1.0 / distance, away)
+    strength = _MU_0_BY_4_PI / distance / distance / distance
+    return scale(strength, add_scaled(scale(-1.0, moment), 3.0 * dot(n, moment), n))
+
+
+@compiled_as((math.nan, math.nan, math.nan))
+def _infinite(place: Vector) -> Vector:
+    raise ConvergenceError(
+        f"magnetic_field: the dipole is at {list(place)}, where its field is infinite; move center_world or the body"
+    )
 
 
 @dataclass(frozen=True)
@@ -108,19 +143,10 @@ class MagneticField(Effect):
         """
         if self.model == "igrf":
             return self.magnetic_field_at(0.0)
-        if self.model == "uniform":
-            return lambda _: self.field_world
+        source = self.source
+        return lambda place: flux_density(source, place)
 
-        def at(place: Vector) -> Vector:
-            away = subtract(place, self.center_world)
-            distance = norm(away)
-            if distance == 0.0:
-                raise ConvergenceError(
-                    f"magnetic_field: the dipole is at {list(place)}, where its field is infinite; move center_world "
-                    "or the body"
-                )
-            n, moment = scale(1.0 / distance, away), self.moment_world
-            strength = _MU_0_BY_4_PI / distance / distance / distance
-            return scale(strength, add_scaled(scale(-1.0, moment), 3.0 * dot(n, moment), n))
-
-        return at
+    @property
+    def source(self) -> Source:
+        """Where it comes from; none for `igrf`, which has terms instead."""
+        return Source(self.model == "dipole", self.field_world, self.moment_world, self.center_world)

@@ -7,12 +7,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
+from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.ranges import Range, check_vector, read_numbers
-from rb_dynamics.numerics.vector import Vector, norm, scale
+from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, cross, norm, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
+
+
+def turned_in_field(dipole: Vector, field: Vector, point: Point) -> tuple[Vector, Vector]:
+    """Return force and torque on a dipole (A m^2, principal axes) in a field (T, world axes)."""
+    return ZERO, cross(dipole, rotate_inverse(point.orientation, field))
 
 
 @dataclass(frozen=True, kw_only=True)

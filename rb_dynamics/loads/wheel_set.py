@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.effect import Stored
@@ -25,11 +25,20 @@ from rb_dynamics.numerics.rotation import Matrix, Quaternion, rotate, rotate_inv
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, divide, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.arrays import Numbers
+
 # The volume that axes must span, of 1 for three that are perpendicular.
 _FLAT = 1e-6
 
 _BOOKS = 6
 """States behind the momenta: motor work, friction heat, work and impulse of the inner torque."""
+
+# What `inner_torque` reads: how many wheels there are, and row by row the inverse of the inertia without the free ones;
+# then of each wheel its inertia and axis, viscous and Coulomb friction, how it is held (one of the next three), and
+# while it is free the torque of the motor and the constant part of the friction.
+_BEFORE, _EACH = 10, 9
+_FREE, _AT_SPEED, _AT_REST = 0.0, 1.0, 2.0
 
 
 class _Wheel(NamedTuple):
@@ -67,10 +76,11 @@ class WheelSet:
         self._moments = body.principal_moments
         self._axes = tuple(wheel.axis_in(body) for wheel in wheels)
         self.imbalances = imbalances(wheels, body)
+        self._numbers: tuple[float, ...] | None = None
         self._now = [_Wheel(wheel.speed if wheel.command == "speed" else 0.0) for wheel in wheels]
         for k, wheel in enumerate(wheels):
             self._place(k, wheel.speed)
-        self._inverse = self._inverted()
+        self._invert()
 
     @property
     def now(self) -> list[_Wheel]:
@@ -80,7 +90,18 @@ class WheelSet:
     def restore(self, now: Sequence[_Wheel]) -> None:
         """Turn as then."""
         self._now = list(now)
-        self._inverse = self._inverted()
+        self._invert()
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """How they turn now, for kernels; see `_BEFORE`."""
+        if self._numbers is None:
+            found = [float(len(self.wheels)), *(each for row in self._inverse for each in row)]
+            for wheel, axis, now in zip(self.wheels, self._axes, self._now, strict=True):
+                held = _FREE if not now.held else _AT_REST if now.point == 0.0 else _AT_SPEED
+                found += (wheel.inertia, *axis, wheel.viscous, wheel.coulomb, held, now.motor, now.coulomb)
+            self._numbers = tuple(found)
+        return self._numbers
 
     def begin(self, omega: Vector) -> tuple[float, ...]:
         """Return the states at the start, while the body turns with `omega` (principal axes)."""
@@ -90,7 +111,7 @@ class WheelSet:
     def command(self, k: int, value: float, speed: float) -> None:
         """Let wheel k, which turns with `speed`, do as commanded; `settle` sees what comes of it."""
         point = self._now[k].point
-        self._now[k] = self._now[k]._replace(command=value)
+        self._set(k, command=value)
         # At rest or at its largest speed it still is; a speed that was commanded is none to stay at.
         if point is None or point not in self._points(k):
             self._place(k, speed)
@@ -134,8 +155,8 @@ class WheelSet:
         speeds = self.speeds(omega, states)
         self._now = [wheel._replace(held=wheel.point is not None) for wheel in self._now]
         while True:
-            self._inverse = self._inverted()
-            spin_up = self._spin_up(torque, omega, speeds)
+            self._invert()
+            spin_up = self._spin_up(torque, omega, states)
             going = [(k, way) for k in range(len(speeds)) if (way := self._way_out(k, spin_up, speeds[k]))]
             if not going:
                 return
@@ -144,7 +165,7 @@ class WheelSet:
     def switching(self, torque: Vector, omega: Vector, states: Sequence[float]) -> list[int]:
         """Return the wheels that no longer turn as they do now."""
         speeds = self.speeds(omega, states)
-        spin_up = self._spin_up(torque, omega, speeds) if any(wheel.held for wheel in self._now) else ZERO
+        spin_up = self._spin_up(torque, omega, states) if any(wheel.held for wheel in self._now) else ZERO
         return [
             k
             for k, (wheel, speed) in enumerate(zip(self._now, speeds, strict=True))
@@ -159,38 +180,26 @@ class WheelSet:
             if not wheel.held:
                 passed = wheel.low if speeds[k] < wheel.low else wheel.high
                 points = self._points(k)
-                self._now[k] = wheel._replace(point=min(points, key=lambda point: abs(point - passed)))
+                self._set(k, point=min(points, key=lambda point: abs(point - passed)))
 
     def stage(
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]
     ) -> tuple[Vector, tuple[float, ...]]:
         """Return the inner torque on the body (principal axes), and the rates of the states, under `torque`."""
-        speeds = self.speeds(omega, states)
-        spin_up = self._spin_up(torque, omega, speeds)
-        inner, rates = cross(self.stored(omega, states).momentum, omega), []
-        motor = heat = power = 0.0
-        for k, (wheel, axis, speed) in enumerate(zip(self.wheels, self._axes, speeds, strict=True)):
-            now, carried = self._now[k], self.wheels[k].inertia * dot(axis, spin_up)
-            if now.held:
-                on_wheel, friction = carried, 0.0 if now.point == 0.0 else self._sliding(k, speed)
-            else:
-                friction = now.coulomb - wheel.viscous * speed
-                on_wheel = now.motor + friction
-                inner = add_scaled(inner, carried - on_wheel, axis)
-            rates.append(on_wheel)
-            motor, heat = motor + (on_wheel - friction) * speed, heat - friction * speed
-            power += on_wheel * speed
-        turning = (speeds[each.wheel] for each in self.imbalances)
-        return inner, (*rates, motor, heat, power - dot(inner, omega), *rotate(orientation, inner), *turning)
+        numbers, count = self.numbers, len(self.wheels) + _BOOKS
+        c: Any = [*numbers, *states[:count], *states[:count]]
+        inner = inner_torque(c, 0, len(numbers), self._moments, torque, orientation, omega)
+        turning = () if not self.imbalances else self.speeds(omega, states)
+        return inner, (*c[-count:], *(turning[each.wheel] for each in self.imbalances))
 
     def turned(self, states: Sequence[float], start: Sequence[float]) -> Vector:
         """Return the angular velocity (principal axes) that a difference from the states `start` may mean to the body.
 
         An imbalance that points elsewhere gives it another mean rate.
         """
-        off = ZERO
-        for momentum, axis in zip(states, self._axes, strict=False):
-            off = add_scaled(off, momentum, axis)
+        numbers = self.numbers
+        c: Any = [*numbers, *states]
+        off = momentum_in(c, 0, len(numbers))
         for each, angle in zip(self.imbalances, self._angles(states), strict=True):
             speed = start[each.wheel] / self.wheels[each.wheel].inertia
             off = add_scaled(off, speed * angle, each.torques[0])
@@ -224,7 +233,7 @@ class WheelSet:
         """Put a wheel where it is by its speed alone."""
         points = self._points(k)
         if speed in points:
-            self._now[k] = self._now[k]._replace(point=speed)
+            self._set(k, point=speed)
             return
         low = max((point for point in points if point < speed), default=-math.inf)
         high = min((point for point in points if point > speed), default=math.inf)
@@ -248,9 +257,12 @@ class WheelSet:
         motor = now.command
         if wheel.command == "speed":
             motor = -wheel.max_torque if low + high > 2.0 * now.command else wheel.max_torque
-        self._now[k] = now._replace(
-            point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high
-        )
+        self._set(k, point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high)
+
+    def _set(self, k: int, **how: Any) -> None:
+        """Change how a wheel turns."""
+        self._now[k] = self._now[k]._replace(**how)
+        self._numbers = None
 
     def _sliding(self, k: int, speed: float) -> float:
         wheel = self.wheels[k]
@@ -278,17 +290,14 @@ class WheelSet:
             most = math.inf
         return -1.0 if needed > most else 1.0 if needed < least else 0.0
 
-    def _spin_up(self, torque: Vector, omega: Vector, speeds: Sequence[float]) -> Vector:
+    def _spin_up(self, torque: Vector, omega: Vector, states: Sequence[float]) -> Vector:
         """Return w' (principal axes) under a torque from outside, with the wheels as they turn now."""
-        momentum = times(self._moments, omega)
-        push = torque
-        for k, (wheel, axis) in enumerate(zip(self.wheels, self._axes, strict=True)):
-            momentum = add_scaled(momentum, wheel.inertia * speeds[k], axis)
-            now = self._now[k]
-            if not now.held:
-                push = add_scaled(push, -(now.motor + now.coulomb - wheel.viscous * speeds[k]), axis)
-        x, y, z = add(push, cross(momentum, omega))
-        return add(add(scale(x, self._inverse[0]), scale(y, self._inverse[1])), scale(z, self._inverse[2]))
+        numbers = self.numbers
+        c: Any = [*numbers, *states]
+        return spin_up_of(c, 0, len(numbers), self._moments, torque, omega)
+
+    def _invert(self) -> None:
+        self._inverse, self._numbers = self._inverted(), None
 
     def _inverted(self) -> Matrix:
         """Return the inverse of the inertia without the free wheels: I - sum of J a a^T, symmetric."""
@@ -301,6 +310,79 @@ class WheelSet:
         four, five, six = s * (a * c - e * e), s * (d * e - a * f), s * (a * b - d * d)
         one, two, three = s * one, s * two, s * three
         return ((one, two, three), (two, four, five), (three, five, six))
+
+
+def length_of(c: Numbers, i: int) -> int:
+    """Return how many numbers there are of the wheels whose numbers begin at i."""
+    return _BEFORE + _EACH * int(c[i])
+
+
+def states_of(c: Numbers | Sequence[float], i: int) -> int:
+    """Return how many states the wheels have whose numbers begin at i."""
+    return int(c[i]) + _BOOKS
+
+
+def inner_torque(
+    c: Numbers, i: int, s: int, moments: Vector, torque: Vector, orientation: Quaternion, omega: Vector
+) -> Vector:
+    """Return the inner torque on the body (principal axes) under `torque` from outside, and write rates of the states.
+
+    In `c`, `WheelSet.numbers` begin at i, the states at s, and behind them their rates.
+    """
+    spin_up, carried, n = spin_up_of(c, i, s, moments, torque, omega), ZERO, int(c[i])
+    for k in range(n):
+        j, axis = c[i + _BEFORE + k * _EACH], _axis_of(c, i, k)
+        carried = add_scaled(carried, j * _speed_of(c, i, s, k, omega), axis)
+    inner, r = cross(carried, omega), s + n + _BOOKS
+    motor = heat = power = 0.0
+    for k in range(n):
+        a, axis, speed = i + _BEFORE + k * _EACH, _axis_of(c, i, k), _speed_of(c, i, s, k, omega)
+        taken, held = c[a] * dot(axis, spin_up), c[a + 6]
+        if held == _FREE:
+            friction = c[a + 8] - c[a + 4] * speed
+            on_wheel = c[a + 7] + friction
+            inner = add_scaled(inner, taken - on_wheel, axis)
+        else:
+            on_wheel, friction = taken, 0.0
+            if held == _AT_SPEED:
+                friction = -math.copysign(c[a + 5], speed) - c[a + 4] * speed
+        c[r + k] = on_wheel
+        motor, heat = motor + (on_wheel - friction) * speed, heat - friction * speed
+        power += on_wheel * speed
+    c[r + n], c[r + n + 1], c[r + n + 2] = motor, heat, power - dot(inner, omega)
+    c[r + n + 3], c[r + n + 4], c[r + n + 5] = rotate(orientation, inner)
+    return inner
+
+
+def spin_up_of(c: Numbers, i: int, s: int, moments: Vector, torque: Vector, omega: Vector) -> Vector:
+    """Return w' (principal axes) under `torque` from outside; see `inner_torque`."""
+    momentum, push = times(moments, omega), torque
+    for k in range(int(c[i])):
+        a, axis, speed = i + _BEFORE + k * _EACH, _axis_of(c, i, k), _speed_of(c, i, s, k, omega)
+        momentum = add_scaled(momentum, c[a] * speed, axis)
+        if c[a + 6] == _FREE:
+            push = add_scaled(push, -(c[a + 7] + c[a + 8] - c[a + 4] * speed), axis)
+    x, y, z = add(push, cross(momentum, omega))
+    one, two = (c[i + 1], c[i + 2], c[i + 3]), (c[i + 4], c[i + 5], c[i + 6])
+    return add(add(scale(x, one), scale(y, two)), scale(z, (c[i + 7], c[i + 8], c[i + 9])))
+
+
+def momentum_in(c: Numbers, i: int, s: int) -> Vector:
+    """Return the sum of the momenta at s along their axes; see `inner_torque`."""
+    total = ZERO
+    for k in range(int(c[i])):
+        total = add_scaled(total, c[s + k], _axis_of(c, i, k))
+    return total
+
+
+def _speed_of(c: Numbers, i: int, s: int, k: int, omega: Vector) -> float:
+    speed: float = c[s + k] / c[i + _BEFORE + k * _EACH] - dot(_axis_of(c, i, k), omega)
+    return speed
+
+
+def _axis_of(c: Numbers, i: int, k: int) -> Vector:
+    a = i + _BEFORE + k * _EACH
+    return (c[a + 1], c[a + 2], c[a + 3])
 
 
 def shares(axes: Sequence[Vector]) -> list[Vector] | None:

@@ -20,6 +20,7 @@ from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.propagation import Standing
+from rb_dynamics.motion.stateful_kernel import StatefulSteps, stateful_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
@@ -39,6 +40,7 @@ class LoadScales(NamedTuple):
         sight: for how long (s) the load in a phase is a guide to the load ahead.
         strength: the sum of the magnitudes (N) of their forces in a phase.
         numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
+        wheels: for kernels too, how wheels turn that act beside `numbers`, see `WheelSet.numbers`.
         settled: when (s of the run) what acts gradually is over; infinite if nothing does.
     """
 
@@ -46,6 +48,7 @@ class LoadScales(NamedTuple):
     sight: OfPhase | None = None
     strength: OfPhase | None = None
     numbers: tuple[float, ...] = ()
+    wheels: tuple[float, ...] = ()
     settled: float = math.inf
 
 
@@ -283,11 +286,16 @@ class Stepper:
         self._scales = scales
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
         self._effects = () if load_from is None else scales.numbers
-        self._compiles = load_from is None or bool(scales.numbers)
+        self._compiles = load_from is None or bool(scales.numbers and not scales.wheels)
+        self._with_wheels: StatefulSteps | None = None
+        if scales.wheels and (kernels := stateful_kernels(method)) is not None:
+            self._with_wheels = StatefulSteps(kernels, inertia, held, scales.wheels, scales.numbers)
         self._kernel = kernel(method, effects=bool(self._effects)) if self._compiles else None
 
     def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
+        if self._with_wheels is not None and (found := self._with_wheels.step(phase, h)) is not None:
+            return found
         arguments = self._arguments(phase, h)
         after, load = phase.after(self._method.step(*arguments), h), arguments[-1]
         return load.after(phase, after) if isinstance(load, StagedLoad) else after
@@ -337,6 +345,8 @@ class Stepper:
         """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:
             raise TypeError(f"{self._method.name} is no embedded pair")
+        if self._with_wheels is not None and (both := self._with_wheels.pair(phase, h)) is not None:
+            return both
         arguments = self._arguments(phase, h)
         step, comparison = self._method.pair(*arguments)
         after, other, load = phase.after(step, h), phase.after(comparison, h), arguments[-1]

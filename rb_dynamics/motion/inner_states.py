@@ -6,11 +6,12 @@ integrates body and states as one system.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from rb_dynamics.motion.method import Load, SparseTableau, Weights
-from rb_dynamics.motion.phase_state import PhaseState, Sums
+from rb_dynamics.motion.phase_state import PhaseState, Sums, two_sum
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled
 
@@ -68,7 +69,7 @@ class StagedLoad:
         That is added to the angular velocity, by which alone steps are judged.
         """
         fifth, third = (self._sum(weights) for weights in self._tableau.errors)
-        off = tuple([_error(a, b) for a, b in zip(fifth, third, strict=True)])
+        off = tuple([difference(a, b) for a, b in zip(fifth, third, strict=True)])
         gained = tuple([a - b for a, b in zip(self._sum(self._tableau.weights), off, strict=True)])
         omega = add_scaled(other.angular_velocity, 1.0, self._load.turned(off))
         return _with_states(before, other._replace(angular_velocity=omega), gained)
@@ -86,8 +87,9 @@ def staged(load: Load, h: float, tableau: SparseTableau) -> Load:
     return StagedLoad(load, h, tableau) if isinstance(load, StatefulLoad) else load
 
 
-def _error(fifth: float, third: float) -> float:
-    size = (fifth * fifth + 0.01 * third * third) ** 0.5
+def difference(fifth: float, third: float) -> float:
+    """Return the error of a state by the estimates of orders 5 and 3 (HNW I, eq. II.10.17)."""
+    size = math.sqrt(fifth * fifth + 0.01 * third * third)
     return fifth * abs(fifth) / size if size > 0.0 else 0.0
 
 
@@ -96,8 +98,7 @@ def _with_states(before: PhaseState, after: PhaseState, gained: Sequence[float])
     count = len(after.high)
     high, low = list(after.high), list(after.low)
     for a, rest, b in zip(before.high[count:], before.low[count:], gained, strict=True):
-        total = a + b
-        part = total - a
+        total, error = two_sum(a, b, rest)
         high.append(total)
-        low.append(rest + ((a - (total - part)) + (b - part)))
+        low.append(error)
     return after._replace(high=tuple(high), low=tuple(low))

@@ -13,6 +13,7 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
+from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 
 
@@ -21,18 +22,24 @@ def usual_kernels() -> dict[str, OnDemand]:
     of_methods = [each for name in CANDIDATES[LoadDependence.HELD] for each in _of(METHODS[name])]
     under_effects = dict.fromkeys(CANDIDATES[LoadDependence.FIELD] + CANDIDATES[LoadDependence.ANY])
     of_methods += [each for name in under_effects for each in _of(METHODS[name], effects=True)]
+    of_methods += [each for name in CANDIDATES[LoadDependence.STATES] for each in _with_wheels(METHODS[name])]
     return _by_name([NO_STRIDES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
 def all_kernels() -> dict[str, OnDemand]:
     """Return all that there are, those of plug-ins included."""
     methods = METHODS.usable()
-    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m)))
+    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m), *_with_wheels(m)))
     return usual_kernels() | _by_name([FREE_STATES, *others])
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:
     return kernel(method, effects=effects), strides_of(method, effects=effects)
+
+
+def _with_wheels(method: Method) -> Iterable[OnDemand | None]:
+    kernels = stateful_kernels(method)
+    return () if kernels is None else (kernels.step, kernels.pair)
 
 
 def _side_by_side(method: Method) -> Iterable[OnDemand | None]:

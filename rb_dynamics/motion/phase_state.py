@@ -17,9 +17,9 @@ from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotat
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
-# Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
-# three each), work, and the time since the start.
-_SUMS = 14
+SUMS = 14
+"""Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
+three each), work, and the time since the start; behind them come the states beside those of the body."""
 Sums = tuple[float, ...]
 POSITION, MOMENTUM, IMPULSE, TORQUE_IMPULSE = 0, 3, 6, 9
 """Offset of each of these vectors among the sums."""
@@ -32,7 +32,7 @@ class PhaseState(NamedTuple):
         orientation: principal to world axes.
         angular_velocity: principal axes, rad/s; used in place of the momentum so that the initial value keeps its
             digits.
-        high: the compensated sums, see `_SUMS`.
+        high: the compensated sums, see `SUMS`.
         low: their rounding errors; the value is high + low.
     """
 
@@ -53,7 +53,7 @@ class PhaseState(NamedTuple):
             multiply(state.orientation_xyzw, body.principal_orientation_xyzw),
             omega,
             (*position, *momentum, *ZERO, *ZERO, 0.0, time),
-            (0.0,) * _SUMS,
+            (0.0,) * SUMS,
         )
 
     def after(self, step: Increment, h: float) -> PhaseState:
@@ -64,11 +64,11 @@ class PhaseState(NamedTuple):
     @property
     def inner(self) -> Sums:
         """States beside those of the body, such as those of wheels."""
-        return tuple([a + b for a, b in zip(self.high[_SUMS:], self.low[_SUMS:], strict=True)])
+        return tuple([a + b for a, b in zip(self.high[SUMS:], self.low[SUMS:], strict=True)])
 
     def with_inner(self, states: Sums) -> PhaseState:
         """Return the same with these states beside those of the body."""
-        return self._replace(high=(*self.high[:_SUMS], *states), low=(*self.low[:_SUMS], *(0.0,) * len(states)))
+        return self._replace(high=(*self.high[:SUMS], *states), low=(*self.low[:SUMS], *(0.0,) * len(states)))
 
     @property
     def center_of_mass_world(self) -> Vector:
@@ -222,27 +222,28 @@ def grown(high: Sums, low: Sums, step: Increment, h: float) -> tuple[Sums, Sums]
     By two-sum (Knuth, TAOCP 2, 4.2.2 theorem B): the error of 1e9 additions stays at one rounding.
     """
     x, p, t = step.displacement, step.impulse, step.torque_impulse
-    a0, b0 = _add(high[0], x[0], low[0])
-    a1, b1 = _add(high[1], x[1], low[1])
-    a2, b2 = _add(high[2], x[2], low[2])
-    a3, b3 = _add(high[3], p[0], low[3])
-    a4, b4 = _add(high[4], p[1], low[4])
-    a5, b5 = _add(high[5], p[2], low[5])
-    a6, b6 = _add(high[6], p[0], low[6])
-    a7, b7 = _add(high[7], p[1], low[7])
-    a8, b8 = _add(high[8], p[2], low[8])
-    a9, b9 = _add(high[9], t[0], low[9])
-    a10, b10 = _add(high[10], t[1], low[10])
-    a11, b11 = _add(high[11], t[2], low[11])
-    a12, b12 = _add(high[12], step.work, low[12])
-    a13, b13 = _add(high[13], h, low[13])
+    a0, b0 = two_sum(high[0], x[0], low[0])
+    a1, b1 = two_sum(high[1], x[1], low[1])
+    a2, b2 = two_sum(high[2], x[2], low[2])
+    a3, b3 = two_sum(high[3], p[0], low[3])
+    a4, b4 = two_sum(high[4], p[1], low[4])
+    a5, b5 = two_sum(high[5], p[2], low[5])
+    a6, b6 = two_sum(high[6], p[0], low[6])
+    a7, b7 = two_sum(high[7], p[1], low[7])
+    a8, b8 = two_sum(high[8], p[2], low[8])
+    a9, b9 = two_sum(high[9], t[0], low[9])
+    a10, b10 = two_sum(high[10], t[1], low[10])
+    a11, b11 = two_sum(high[11], t[2], low[11])
+    a12, b12 = two_sum(high[12], step.work, low[12])
+    a13, b13 = two_sum(high[13], h, low[13])
     return (
         (a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11, a12, a13),
         (b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11, b12, b13),
     )
 
 
-def _add(a: float, b: float, rest: float) -> tuple[float, float]:
+def two_sum(a: float, b: float, rest: float) -> tuple[float, float]:
+    """Return a + b, and `rest` with its rounding error (Knuth, TAOCP 2, 4.2.2 theorem B)."""
     total = a + b
     part = total - a
     return total, rest + ((a - (total - part)) + (b - part))

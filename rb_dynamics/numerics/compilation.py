@@ -49,14 +49,14 @@ def compiled_as(value: object = None) -> Callable[[_F], _F]:
     return mark
 
 
-def compiled_by(function: Callable[..., Any]) -> Callable[[_F], _F]:
-    """Mark a function that compiled code runs in place of `function`, whose arguments are others there.
+def compiled_by(function: Callable[..., Any], first: type) -> Callable[[_F], _F]:
+    """Mark a function that compiled code runs in place of `function`, where its first argument is of the type `first`.
 
-    It is not inlined: it may be large, and is called at every stage of a method.
+    That is a NamedTuple. The function is not inlined: it may be large, and is called at every stage of a method.
     """
 
     def mark(compiled: _F) -> _F:
-        setattr(function, _BY, compiled)
+        setattr(function, _BY, {**getattr(function, _BY, {}), first: compiled})
         return compiled
 
     return mark
@@ -301,15 +301,20 @@ def _register(function: Any) -> None:
     from numba.extending import overload
 
     _registered[id(function)] = function
-    implementation = _implementation(function)
+    if hasattr(function, _BY):
+        overload(function, jit_options=_APART, strict=False)(
+            lambda first, *_, **__: getattr(function, _BY).get(getattr(first, "instance_class", None))
+        )
+        return
+    (implementation,) = _implementations(function)
     if hasattr(function, _MARK):
         implementation = _constant(getattr(function, _MARK))
-    options = _APART if hasattr(function, _BY) else _OPTIONS
-    overload(function, jit_options=options, strict=False)(lambda *_, **__: implementation)
+    overload(function, jit_options=_OPTIONS, strict=False)(lambda *_, **__: implementation)
 
 
-def _implementation(function: Any) -> Any:
-    return getattr(function, _BY, None) or getattr(function, "__wrapped__", function)
+def _implementations(function: Any) -> list[Any]:
+    """Return what compiled code may run in place of a function."""
+    return [*getattr(function, _BY, {}).values()] or [getattr(function, "__wrapped__", function)]
 
 
 def _constant(value: object) -> Callable[..., Any]:
@@ -332,12 +337,12 @@ def _reach(function: Any) -> list[Any]:
 
 
 def _callees(function: Any) -> Iterator[Any]:
-    plain = _implementation(function)
-    cells = [cell.cell_contents for cell in plain.__closure__ or ()]
-    names = plain.__code__.co_names
-    values = [plain.__globals__[name] for name in names if name in plain.__globals__]
-    values += [getattr(v, n) for v in values if isinstance(v, ModuleType) for n in names if hasattr(v, n)]
-    for value in (*values, *cells):
-        inner = _implementation(value)
-        if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
-            yield value
+    for plain in _implementations(function):
+        cells = [cell.cell_contents for cell in plain.__closure__ or ()]
+        names = plain.__code__.co_names
+        values = [plain.__globals__[name] for name in names if name in plain.__globals__]
+        values += [getattr(v, n) for v in values if isinstance(v, ModuleType) for n in names if hasattr(v, n)]
+        for value in (*values, *cells):
+            inner = _implementations(value)[0]
+            if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
+                yield value

@@ -789,11 +789,11 @@ class Simulation:
 
     def _new_arc(self, plan: Plan, more: HeldWrench | None = None) -> Arc:
         """Begin an arc at `time_ns`, under what acts and `more`."""
-        acting, driven = self._channels.total(), None
+        acting, driven, dipole = self._channels.total(), None, ZERO
         if more is not None:
             acting = acting + more
         if self._bank is not None:
-            acting, driven = acting + self._bank.held(), self._bank.wrenching()
+            acting, driven, dipole = acting + self._bank.held(), self._bank.wrenching(), self._bank.dipole
         self._held = held = in_principal_axes(self.scene.body, acting)
         seconds = (self.time_ns + self._earlier_ns) / NANOSECONDS
         body, load_from = self.scene.body, self._effects.load_from(seconds, driven)
@@ -808,14 +808,17 @@ class Simulation:
         if self._wheels is not None:
             self._load_from = self._with_wheels(self._wheels, held, self._load_from)
             self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
-        by_effects = driven is None and self._wheels is None and not transients
-        numbers = self._effects.numbers(seconds) if by_effects and self._load_from is not None else None
-        gradually = None
+        numbers, gradually = None, None
+        wheels: tuple[float, ...] = ()
+        # What acts gradually and imbalances have no numbers.
+        if self._load_from is not None and not transients and (self._wheels is None or not self._wheels.imbalances):
+            numbers = self._effects.numbers(seconds, dipole)
+            wheels = self._wheels.numbers if self._wheels is not None and numbers else ()
         if transients:
             settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS
             gradually = settled, _sight_of(transients, self.time_ns, self._phase)
         sight = None if self._wheels is None else _sight_of_wheels(self._wheels)
-        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, gradually, sight)
+        arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, wheels, gradually, sight)
         expected = [time for time in (self._next_change_ns(), self.end_ns) if time is not None]
         arc.expected_ns = min(expected, default=self.time_ns)
         return arc

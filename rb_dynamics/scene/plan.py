@@ -100,18 +100,20 @@ class Plan:
         phase: PhaseState,
         load_from: LoadFrom | None,
         numbers: tuple[float, ...] | None = None,
+        wheels: tuple[float, ...] = (),
         gradually: tuple[float, OfPhase] | None = None,
         sight: OfPhase | None = None,
     ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
-        `numbers` are the same load for kernels. `gradually` says of what acts gradually when (s of the run) it is over,
-        and for how long (s) it is in a phase a guide to the load ahead; `sight` says so of what acts all the time.
+        `numbers` are the same load for kernels, without the `wheels` that act beside it. `gradually` says of what acts
+        gradually when (s of the run) it is over, and for how long (s) it is in a phase a guide to the load ahead;
+        `sight` says so of what acts all the time.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
         """
-        scales = self._scales._replace(numbers=numbers or ())
+        scales = self._scales._replace(numbers=numbers or (), wheels=wheels)
         if gradually is not None:
             settled, near = gradually
             scales = scales._replace(settled=settled, sight=_nearer(self._scales.sight, near))

@@ -1,0 +1,256 @@
+"""Kernels for a step under a load with states of its own, which wheels have: the stages of `inner_states.py`, compiled.
+
+They take one step a call. The bits are those of plain Python, which takes a step that is refused, and raises its error.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from functools import cache
+from struct import Struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, has_effects
+from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.wheel_set import inner_torque, length_of, momentum_in, states_of
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.fixed_step_kernel import PRICE_OF_EFFECTS, OnDemand
+from rb_dynamics.motion.inner_states import difference
+from rb_dynamics.motion.kernel_layout import (
+    CONSTANTS,
+    PHASE,
+    constant_numbers,
+    constants_at,
+    phase_at,
+    phase_of,
+    write_phase,
+)
+from rb_dynamics.motion.method import Increment, Inertia, Method, SparseTableau
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, SUMS, PhaseState, elapsed, grown, total, two_sum
+from rb_dynamics.numerics.compilation import compiled_by, specialise
+from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
+
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.arrays import Numbers
+
+# Where things stand among the numbers that a kernel is given: body and wrench, the phase, the other result of a pair,
+# the number of the next stage, and the weights of the tableau, a row for each stage and three for the result and its
+# errors. Then `WheelSet.numbers`; of all states their sums, the rounding errors of these, their values at a stage, and
+# their rates, first those of this stage, then of each. At the end come the numbers of the effects.
+_OTHER = CONSTANTS + PHASE
+_STAGE = _OTHER + PHASE
+_ROWS = _STAGE + 1
+_MOST_STAGES = 12
+_WHEELS = _ROWS + _MOST_STAGES * (_MOST_STAGES + 3)
+_OF_EACH_STATE = 4 + _MOST_STAGES
+_RESULT, _FIFTH, _THIRD = _MOST_STAGES, _MOST_STAGES + 1, _MOST_STAGES + 2
+_SIGNATURE = "void(float64[::1], float64)"
+
+# Cost of a step with wheels in plain Python, in steps of the method.
+_PRICE = 2.0 * PRICE_OF_EFFECTS
+_PHASE = Struct(f"{PHASE}d")
+
+
+class WheelLoad(NamedTuple):
+    """A load with states in a kernel.
+
+    Attributes:
+        numbers: see above.
+        h: length of the step, s.
+        time: at its start, s since the start of the run.
+        position: of the centre of mass there, world axes, m.
+        moments: of the body, principal axes.
+        held: wrench.
+    """
+
+    numbers: Numbers
+    h: float
+    time: float
+    position: Vector
+    moments: Vector
+    held: HeldWrench
+
+
+@compiled_by(evaluated, WheelLoad)
+def evaluated_with_wheels(
+    load: WheelLoad,
+    t: float,
+    displacement: Vector,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+) -> tuple[Vector, Vector]:
+    """Return force (N, world axes) and torque (N m, principal axes) at the next stage of the tableau."""
+    c, force, torque, stage = load.numbers, ZERO, ZERO, int(load.numbers[_STAGE])
+    m, sums, states = _layout(c)
+    for k in range(m):
+        c[states + k] = (c[sums + k] + c[sums + m + k]) + _gained(c, load.h, stage, k)
+    if has_effects(c):
+        at = EffectLoad(c, load.time, load.position)
+        force, torque = evaluated_by_numbers(at, t, displacement, velocity, orientation, angular_velocity)
+    held = add(load.held.torque_body, rotate_inverse(orientation, load.held.torque_world))
+    outside = add(held, torque)
+    inner = inner_torque(c, _WHEELS, states, load.moments, outside, orientation, angular_velocity)
+    rates = states + m
+    for k in range(m):
+        c[rates + (stage + 1) * m + k] = c[rates + k]
+    c[_STAGE] = stage + 1.0
+    return force, add(torque, inner)
+
+
+def _layout(c: Numbers) -> tuple[int, int, int]:
+    """Return how many states there are, and where their sums and their values at a stage stand."""
+    m, sums = states_of(c, _WHEELS), _WHEELS + length_of(c, _WHEELS)
+    return m, sums, sums + 2 * m
+
+
+def _gained(c: Numbers, h: float, row: int, k: int) -> float:
+    """Return h times the sum of the rates of state k with the weights of a row."""
+    m, _, states = _layout(c)
+    rates, weights, gained = states + 2 * m + k, _ROWS + row * _MOST_STAGES, 0.0
+    for stage in range(_MOST_STAGES):
+        if c[weights + stage] != 0.0:
+            gained += c[weights + stage] * c[rates + stage * m]
+    return h * gained
+
+
+def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> WheelLoad:
+    """Return the load of a step from `start`, before its first stage."""
+    c[_STAGE] = 0.0
+    return WheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
+
+
+def _grow_states(c: Numbers, h: float) -> None:
+    m, sums, _ = _layout(c)
+    for k in range(m):
+        c[sums + k], c[sums + m + k] = two_sum(c[sums + k], _gained(c, h, _RESULT, k), c[sums + m + k])
+
+
+def _step(*arguments: Any) -> Increment:
+    """Placeholder for the step of a method."""
+    raise NotImplementedError
+
+
+def _pair(*arguments: Any) -> tuple[Increment, Increment]:
+    """Placeholder for the pair of a method."""
+    raise NotImplementedError
+
+
+def _step_on_numbers(c: Numbers, h: float) -> None:
+    """Take a step of h s."""
+    (inertia, held), start = constants_at(c), phase_at(c, CONSTANTS)
+    velocity, load = scale(1.0 / inertia.mass, total(start, MOMENTUM)), _begun(c, h, inertia, held, start)
+    step = _step(inertia, held, h, velocity, start.orientation, start.angular_velocity, load)
+    high, low = grown(start.high, start.low, step, h)
+    write_phase(c, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
+    _grow_states(c, h)
+
+
+def _pair_on_numbers(c: Numbers, h: float) -> None:
+    """Take a step of h s, and write the other result of the pair with what `StagedLoad.compared` adds to its rate."""
+    (inertia, held), start = constants_at(c), phase_at(c, CONSTANTS)
+    velocity, load = scale(1.0 / inertia.mass, total(start, MOMENTUM)), _begun(c, h, inertia, held, start)
+    step, other = _pair(inertia, held, h, velocity, start.orientation, start.angular_velocity, load)
+    high, low = grown(start.high, start.low, step, h)
+    write_phase(c, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
+    m, _, states = _layout(c)
+    for k in range(m):
+        c[states + k] = difference(_gained(c, h, _FIFTH, k), _gained(c, h, _THIRD, k))
+    omega = add_scaled(other.angular_velocity, 1.0, divide(momentum_in(c, _WHEELS, states), inertia.moments))
+    high, low = grown(start.high, start.low, other, h)
+    write_phase(c, _OTHER, PhaseState(other.orientation, omega, high, low))
+    _grow_states(c, h)
+
+
+class StatefulKernels(NamedTuple):
+    """A step of a method and, if it is one, an embedded pair under wheels; and the weights of its tableau as bytes."""
+
+    step: OnDemand
+    pair: OnDemand | None
+    weights: bytes
+
+
+@cache
+def stateful_kernels(method: Method) -> StatefulKernels | None:
+    """Return the kernels of `method` for wheels; None if it has none."""
+    tableau = method.tableau
+    if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > _MOST_STAGES:
+        return None
+
+    name = f"with_wheels_{method.name}"
+    step = specialise(_step_on_numbers, f"step_{name}", _step=method.step)
+    pair = None if method.pair is None else specialise(_pair_on_numbers, f"pair_{name}", _pair=method.pair)
+    return StatefulKernels(
+        OnDemand(method.name, step, _SIGNATURE, _PRICE),
+        None if pair is None else OnDemand(method.name, pair, _SIGNATURE, _PRICE),
+        _weights(tableau),
+    )
+
+
+def _weights(tableau: SparseTableau) -> bytes:
+    rows = (*tableau.rows, *((),) * (_MOST_STAGES - len(tableau.rows)), tableau.weights, *tableau.errors)
+    found = [0.0] * (_MOST_STAGES * len(rows))
+    for k, row in enumerate(rows):
+        for stage, weight in row:
+            found[k * _MOST_STAGES + stage] = weight
+    return _packed(found)
+
+
+class StatefulSteps:
+    """Steps of one arc with wheels, by kernels."""
+
+    def __init__(
+        self,
+        kernels: StatefulKernels,
+        inertia: Inertia,
+        held: HeldWrench,
+        wheels: Sequence[float],
+        effects: Sequence[float],
+    ) -> None:
+        """Take steps under a held wrench, wheels (`WheelSet.numbers`) and effects (`effect_numbers`)."""
+        self._kernels = kernels
+        count = states_of(wheels, 0)
+        before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))
+        behind = (*wheels, *(0.0,) * (_OF_EACH_STATE * count), *effects)
+        self._numbers = _packed(before) + kernels.weights + _packed(behind)
+        self._sums = Struct(f"{2 * count}d"), 8 * (_WHEELS + len(wheels))
+
+    def step(self, phase: PhaseState, h: float) -> PhaseState | None:
+        """Return the phase after a step of h s; None if it is to be taken in plain Python."""
+        numbers = self._after(self._kernels.step, phase, h)
+        return None if numbers is None else self._phase(numbers)
+
+    def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState] | None:
+        """Return the same, and the other result of the pair, without states."""
+        numbers = None if self._kernels.pair is None else self._after(self._kernels.pair, phase, h)
+        if numbers is None:
+            return None
+        after, other = self._phase(numbers), _PHASE.unpack_from(numbers, 8 * _OTHER)
+        return None if after is None or not all(map(math.isfinite, other)) else (after, phase_of(other))
+
+    def _after(self, kernel: OnDemand, phase: PhaseState, h: float) -> bytearray | None:
+        """Return the numbers after a step."""
+        compiled = kernel.get(1.0, 1.0)
+        if compiled is None:
+            return None
+        numbers, (sums, at) = bytearray(self._numbers), self._sums
+        q, w, high, low = phase
+        _PHASE.pack_into(numbers, 8 * CONSTANTS, *q, *w, *high[:SUMS], *low[:SUMS])
+        sums.pack_into(numbers, at, *high[SUMS:], *low[SUMS:])
+        compiled.on_doubles((ctypes.c_double * (len(numbers) // 8)).from_buffer(numbers), h)
+        return numbers
+
+    def _phase(self, numbers: bytearray) -> PhaseState | None:
+        sums, at = self._sums
+        end, states = _PHASE.unpack_from(numbers, 8 * CONSTANTS), sums.unpack_from(numbers, at)
+        if not (all(map(math.isfinite, end)) and all(map(math.isfinite, states))):
+            return None
+        phase, count = phase_of(end), len(states) // 2
+        return phase._replace(high=phase.high + states[:count], low=phase.low + states[count:])
+
+
+def _packed(numbers: Sequence[float]) -> bytes:
+    return Struct(f"{len(numbers)}d").pack(*numbers)
