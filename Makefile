@@ -111,7 +111,7 @@ PEERS = $(BIN)/python -c "import importlib.metadata as m; \
     [print(r.split(';')[0]) for r in m.requires('rb_dynamics') if 'extra == \"bench\"' in r.replace(chr(39), chr(34))]"
 $(VENV)/installed-bench: $(VENV)/created package.xml pyproject.toml setup.cfg setup.py
 	@echo "Installing the peers of the benchmark into $(VENV), once: this takes some minutes ..."
-	@$(INSTALL) '.[fast,plot]'
+	@$(INSTALL) '.[fast,plot,log]'
 	@$(PEERS) | while read -r peer; do \
 	    $(PIP) install --quiet "$$peer" || echo "$$peer cannot be installed here: it is left out"; done
 	@touch $@

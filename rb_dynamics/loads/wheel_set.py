@@ -12,7 +12,7 @@ the heat of friction (J), and, for the books, what the inner torque adds to thos
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -147,8 +147,8 @@ class WheelSet:
         work += became.energy - was.energy
         return (*momenta, motor, heat, work, *subtract(impulse, turned), *self._angles(states))
 
-    def settle(self, torque: Vector, omega: Vector, states: Sequence[float]) -> None:
-        """Decide which wheels are held, under a torque from outside (principal axes).
+    def settle(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> None:
+        """Decide which wheels are held, under a torque from outside (principal axes): asked only where one may be.
 
         First all that are where they may stay are held; one that cannot be is let go, until all others can.
         """
@@ -156,16 +156,18 @@ class WheelSet:
         self._now = [wheel._replace(held=wheel.point is not None) for wheel in self._now]
         while True:
             self._invert()
-            spin_up = self._spin_up(torque, omega, states)
+            if not any(wheel.held for wheel in self._now):
+                return
+            spin_up = self._spin_up(torque(), omega, states)
             going = [(k, way) for k in range(len(speeds)) if (way := self._way_out(k, spin_up, speeds[k]))]
             if not going:
                 return
             self._let_go(*going[0], speeds[going[0][0]])
 
-    def switching(self, torque: Vector, omega: Vector, states: Sequence[float]) -> list[int]:
-        """Return the wheels that no longer turn as they do now."""
+    def switching(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[int]:
+        """Return the wheels that no longer turn as they do now; `torque` as for `settle`."""
         speeds = self.speeds(omega, states)
-        spin_up = self._spin_up(torque, omega, states) if any(wheel.held for wheel in self._now) else ZERO
+        spin_up = self._spin_up(torque(), omega, states) if any(wheel.held for wheel in self._now) else ZERO
         return [
             k
             for k, (wheel, speed) in enumerate(zip(self._now, speeds, strict=True))

@@ -639,7 +639,7 @@ class Simulation:
         return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity, load.states)[2]
 
     def _switching(self, wheels: WheelSet, phase: PhaseState) -> list[int]:
-        return wheels.switching(self._torque(phase), phase.angular_velocity, phase.inner)
+        return wheels.switching(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
     def _switch(self, phase: PhaseState) -> None:
         """Let the wheels that have come to a point of theirs turn otherwise from here on."""
@@ -806,8 +806,8 @@ class Simulation:
         if transients:
             self._load_from = _with_transients(transients, self.time_ns, self._phase, self._load_from)
         if self._wheels is not None:
-            self._load_from = self._with_wheels(self._wheels, held, self._load_from)
-            self._wheels.settle(self._torque(self._phase), self._phase.angular_velocity, self._phase.inner)
+            self._load_from, start = self._with_wheels(self._wheels, held, self._load_from), self._phase
+            self._wheels.settle(lambda: self._torque(start), start.angular_velocity, start.inner)
         numbers, gradually = None, None
         wheels: tuple[float, ...] = ()
         # What acts gradually and imbalances have no numbers.
