@@ -139,7 +139,7 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
 
 
 def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> tuple[Agreement, ...]:
-    """Return how attitude and position of a pose agree with a twist; NaN is what is not measured. Empty for too few."""
+    """Return how attitude and position of a pose agree with a twist; NaN: not measured. Empty for too few samples."""
     if len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
         return ()
     both = _Both.of(pose, twist)
@@ -148,7 +148,7 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
     given = TwistReading(twist_in_world, 1.0)
     turns = [TwistReading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
-    # In other axes and of opposite sign is the same as attitudes the other way round, which is what happens.
+    # Other axes with the opposite sign look the same as inverted attitudes, which are what occurs in practice.
     turns.remove(TwistReading(not given.world, -1.0))
     turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
     moves = [TwistReading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
@@ -168,7 +168,7 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
 def _with_alignment(
     found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[TwistReading]
 ) -> Agreement:
-    """Return the agreement with how the twist is aligned, and judged again without that."""
+    """Return the agreement with the misalignment of the twist, and judged again without it."""
     if found.nothing or found.remedy:
         return found
     given, part = readings[0], slice(3, 6) if found.of == "attitude" else slice(0, 3)
@@ -181,7 +181,7 @@ def _with_alignment(
     rest = found if without is None else _judged(found.of, without, readings)
     if found.error is None or rest.error is None:
         return replace(found, aligned=aligned)
-    # What holds for a part only has no one lag and factor.
+    # A difference in a part of the recording only has no single lag and factor.
     if found.partly and rest.error > _CONTRADICTS * found.error:
         return found
     return replace(
@@ -308,7 +308,7 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     if error > _CONTRADICTS:
         remedy, remaining = _remedy(given, others, compared, _RECONCILED)
     if not remedy and speed > _SENSORS:
-        # An axis about which the body turns little makes a small difference, which it alone explains.
+        # A difference about an axis about which the body hardly turns is small, and only that axis explains it.
         turned = [replace(given, axes=axes) for axes in _other_axes()]
         remedy, remaining = _remedy(given, turned, compared, _RECONCILED * min(1.0, error))
     if error <= _CONTRADICTS and not remedy:

@@ -17,11 +17,11 @@ from rb_dynamics.analysis.signals import MotionSignals, Signal, differences
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
 
-# Grid points at most, for the search, and samples at which two recordings are held against each other.
+# The most grid points of the search, and samples at which two recordings are compared.
 _GRID = 1 << 16
 # At least this part of the shorter recording lies within the other at a lag.
 _OVERLAP = 0.5
-# A signal that changes less than this, relative to its size, has nothing to be aligned by.
+# A signal that changes less than this, relative to its size, cannot be aligned by.
 _FLAT = 1e-6
 # Rates of a pose that are rougher than this are taken over twice the interval, while so many remain.
 _ROUGH, _LEAST = 0.05, 50
@@ -33,7 +33,7 @@ _FITS, _TIMES, _RIVAL = 0.25, 4.0, 0.02
 _MOST, _INSTANTS, _ALIKE, _SURELY = 32, 2000, 0.3, 3.0
 # Steps to either side over which a slope is taken, and how many reaches of it are tried, each four times the last.
 _AROUND, _REACHES = 4, 4
-# Steps of Newton's method at most, and steps of the search within which a lag is told, or else it is not.
+# The most steps of Newton's method, and steps of the search within which it must stay to count.
 _ROUNDS, _FARTHEST = 20, 400
 # So many samples later, what remains shares no sample with what remains now.
 _LATER = 5
@@ -44,7 +44,7 @@ _SECOND = 1e9
 
 @dataclass(frozen=True)
 class Alignment:
-    """How two clocks belong together: a time of B minus `offset_ns` is one of A.
+    """How two clocks are related: a time of B minus `offset_ns` is one of A.
 
     Attributes:
         by: "stamp", "start", "seconds", "commands" (the bag from which A or B was flown) or "lag".
@@ -67,7 +67,7 @@ class Alignment:
 
     @property
     def doubts(self) -> list[str]:
-        """Why another lag may be the true one, in words; empty if none may."""
+        """Why another lag may be the true one, in words; empty if there is none."""
         told = []
         if (self.remaining or 0.0) > _FITS:
             told.append(f"it leaves {100.0 * (self.remaining or 0.0):.0f} % of the usual difference of rates")
@@ -80,7 +80,7 @@ def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
     """Return the alignment at which the two motions differ least.
 
     Raises:
-        LogError: nothing changes in them by which they could be aligned.
+        LogError: nothing in them changes, so they cannot be aligned.
     """
     a, b = a.without_outliers(), b.without_outliers()
     poses = a.attitude, b.attitude
@@ -96,7 +96,7 @@ def best_lag(a: MotionSignals, b: MotionSignals) -> Alignment:
 
 
 def misfit(a: MotionSignals, b: MotionSignals, offset_ns: int) -> float | None:
-    """Return what an offset leaves, as `remaining`; None if nothing varies."""
+    """Return the difference that remains at an offset, as `remaining`; None if nothing varies."""
     signals = _magnitudes(a.without_outliers(), b.without_outliers())
     return _cost(signals, offset_ns) if signals else None
 
@@ -190,14 +190,14 @@ def _lag(signals: list[_SignalPair], a: Signal | None, b: Signal | None) -> Alig
 
 
 def _found(signals: list[_SignalPair], lags: Times, costs: Array, at: int, step_ns: int) -> tuple[_Valley, float]:
-    """Return the valley about a lag of the search, and what its offset leaves."""
+    """Return the minimum near a lag of the search, and the difference that remains there."""
     valley = _refined(signals, int(lags[at]), step_ns)
     least = _cost(signals, valley.offset_ns)
     return valley, float(costs[at]) if least is None else least
 
 
 def _rivals(costs: Array, best: int, least: float, usual: float) -> list[int]:
-    """Return the lags that fit about as well as the best, the lowest first, one of each other hollow."""
+    """Return the lags that fit about as well as the best, the best first, one for each other minimum."""
     low = np.flatnonzero(costs <= 0.5 * (least + usual))
     hollows = np.split(low, np.flatnonzero(np.diff(low) > 1) + 1)
     found = [int(each[costs[each].argmin()]) for each in hollows if len(each) and best not in each]
@@ -216,7 +216,7 @@ def _angle(a: Signal, b: Signal) -> float:
 
 
 def _search(signals: list[_SignalPair]) -> tuple[int, Times, Array]:
-    """Return the step of a grid of lags, the lags (ns) and what each leaves; NaN where too little overlaps.
+    """Return the step of a grid of lags, the lags (ns) and the difference at each; NaN where too little overlaps.
 
     The sums of squares of all lags are correlations of the values with the masks of what is known.
     """
@@ -245,7 +245,7 @@ def _search(signals: list[_SignalPair]) -> tuple[int, Times, Array]:
 
 
 def _cost(signals: list[_SignalPair], offset_ns: int) -> float | None:
-    """Return what an offset leaves: mean squared difference relative to the usual one, summed over the signals."""
+    """Return the difference at an offset: mean square relative to the usual one, summed over the signals."""
     costs = [
         float(np.mean(np.sum(rest**2, axis=1))) / each.usual for each in signals if len(rest := _rest(each, offset_ns))
     ]
@@ -253,7 +253,7 @@ def _cost(signals: list[_SignalPair], offset_ns: int) -> float | None:
 
 
 def _rest(pair: _SignalPair, offset_ns: int) -> Array:
-    """Return what remains between the two at an offset, at the samples of the coarser one that both know."""
+    """Return the difference of the two at an offset, at the samples of the coarser one where both are known."""
     moved = pair.b.later(-offset_ns)
     coarse, fine = (pair.a, moved) if len(pair.a.time_ns) <= len(moved.time_ns) else (moved, pair.a)
     values, known = fine.at(coarse.time_ns)
@@ -262,16 +262,16 @@ def _rest(pair: _SignalPair, offset_ns: int) -> Array:
 
 
 class _Valley(NamedTuple):
-    """The offset near the best of the search at which the two agree, ns, and how far it may be off."""
+    """The offset near the best of the search at which the two agree, ns, and its uncertainty."""
 
     offset_ns: int
     uncertainty_s: float
 
 
 def _refined(signals: list[_SignalPair], offset_ns: int, step_ns: int) -> _Valley:
-    """Return the offset about `offset_ns` at which what remains goes with the slopes no more.
+    """Return the offset near `offset_ns` at which the difference is no longer correlated with the slopes.
 
-    Not the lowest point of what offsets leave: between two samples interpolation averages their noise, so that it is
+    This is not the minimum of the difference: between two samples interpolation averages their noise, so that it is
     lower at some offsets than at others whatever the motion. An offset at which stamps coincide and which leaves far
     less than its neighbours is believed, for the two are then of one recording.
     """
@@ -361,7 +361,7 @@ def _coinciding(signals: list[_SignalPair], offset_ns: int) -> int:
 
 
 def _uncertainty(signals: list[_SignalPair], valley: _Valley, step_ns: int) -> float:
-    """Return how far the lag may be off, s: as the noise says, the halves alone, or what else differs."""
+    """Return the uncertainty of the lag, s: from the noise, from each half alone, or from other differences."""
     halves = [_refined(half, valley.offset_ns, step_ns) for half in _halves(signals, valley.offset_ns)]
     told = len(halves) == 2 and all(np.isfinite(half.uncertainty_s) for half in halves)
     apart = abs(halves[0].offset_ns - halves[1].offset_ns) / _SECOND / 2.0 if told else 0.0

@@ -103,7 +103,7 @@ def _compared(
     tolerance_ns: int,
 ) -> CommandDifference | None:
     begin, end = span_ns
-    # At the end itself a command has no time to act.
+    # A command at the very end has no time to act.
     times = [np.array([begin], dtype=np.int64)]
     counts: dict[str, int | None] = {}
     for side, steps, later in (("a", a, 0), ("b", b, offset_ns)):
@@ -119,7 +119,7 @@ def _compared(
         _held(a, at, 0),
         _held(b, at, offset_ns),
     )
-    # What lasts no longer than the two may be shifted against each other tells nothing.
+    # A difference no longer than the possible shift between the two means nothing.
     known = known_a & known_b & (np.diff(at, append=end) > tolerance_ns)
     turned = (world_a != world_b) & (force_a.any(axis=1) | torque_a.any(axis=1))
     turned &= force_b.any(axis=1) | torque_b.any(axis=1)

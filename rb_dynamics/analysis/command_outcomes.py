@@ -18,7 +18,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 
 @dataclass(frozen=True)
 class CommandOutcomes:
-    """Outcome of the commands on one channel; None if the log does not tell.
+    """Outcome of the commands on one channel; None if the log does not show it.
 
     Attributes:
         applied: number of commands that took effect.
@@ -53,7 +53,7 @@ def outcomes_of(
     honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
     acted = Counter(steps.time_ns.tolist())
     if delay_ns and track.pose is not None and len(track.pose.time_ns):
-        # What was still on its way at the end has had no effect.
+        # A command that was still delayed at the end has had no effect.
         end_ns = int(track.pose.time_ns[-1])
         honoured = Counter({at: number for at, number in honoured.items() if at <= end_ns})
     pieces = track.bag.missing

@@ -117,7 +117,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Side:
-    """What is known of one of the two, for the reader.
+    """What is known about one of the two, for the reader.
 
     Attributes:
         path: of the log or bag.

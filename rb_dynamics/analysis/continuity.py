@@ -54,7 +54,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class Returns:
-    """A pose that goes away and comes back: whether in attitude, at which fraction of samples, how far (rad or m)."""
+    """A pose that jumps away and back: whether in attitude, at which fraction of samples, how far (rad or m)."""
 
     turns: bool
     share: float
@@ -170,10 +170,10 @@ def _apart(one: Array, other: Array, *, turns: bool) -> Array:
 
 
 def _returns(track: Track, time_ns: Times, rows: Array, *, turns: bool) -> Returns | None:
-    """Return how often, and from how far, a pose comes back to one of its last places.
+    """Return how often, and from how far, a pose returns to one of its last places.
 
-    None if that is seldom, or if the twist explains it. Noise about one place comes back as near at most in 25 % of the
-    samples.
+    None if that is seldom, or if the twist explains it. With noise about one place, at most 25 % of the samples return
+    as near.
     """
     here = rows[_LAST:]
     moved = _apart(here, rows[_LAST - 1 : -1], turns=turns)
@@ -216,7 +216,7 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
 def _alike(one: Array, other: Array) -> bool:
     """Return whether two poses at the same times make the same motion, whatever lies constantly between the two.
 
-    Positions that move tell, or attitudes that turn. Where neither does, nothing distinguishes two bodies.
+    Moving positions or turning attitudes show it. If neither changes, nothing distinguishes two bodies.
     """
     at = np.unique(np.linspace(0, len(one) - 1, _INSTANTS).astype(int))
     i, j = np.triu_indices(len(at), 1)

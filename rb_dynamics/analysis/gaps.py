@@ -11,7 +11,7 @@ from rb_dynamics.analysis.track import Array, Times
 
 # With even intervals, an interval this much longer than usual is a gap.
 _GAP = 1.5
-# With uneven intervals: one or two lost messages are no gap.
+# With uneven intervals: one or two lost messages are not a gap.
 _FAR = 5.0
 # A stream has at least so many samples; of its intervals but for a few, 99 in 100 are at most so many times the usual.
 _STREAM, _FEW, _EVEN = 100, 3, 5.0
@@ -49,7 +49,7 @@ def longest_usual(time_ns: Times | Array) -> float:
 def silences(time_ns: Times) -> NDArray[np.intp]:
     """Return the index of the last sample before each pause of a stream that is otherwise steady.
 
-    Empty for samples that are sparse, or that come in bursts: their pauses are meant.
+    Empty for samples that are sparse, or that come in bursts: their pauses are intended.
     """
     steps = np.diff(time_ns)
     if len(steps) < _STREAM:

@@ -69,17 +69,17 @@ class WheelSpeeds:
 
     @property
     def largest(self) -> float:
-        """The largest, either way."""
+        """The largest magnitude."""
         return float(np.abs(self.speed).max())
 
     @property
     def largest_ns(self) -> int:
-        """When it was that."""
+        """When it had that magnitude."""
         return int(self.time_ns[np.abs(self.speed).argmax()])
 
     @property
     def at_limit_s(self) -> float:
-        """How long it was at its limit: between outputs of which both show it there, s."""
+        """How long it was at its limit, s: between two successive outputs that both show it there."""
         there = np.abs(self.speed) >= _AT_LIMIT * self.max_speed
         return float(np.diff(self.time_ns)[there[1:] & there[:-1]].sum() * 1e-9)
 
@@ -92,7 +92,7 @@ class ActuatorUse:
         name: of the actuator.
         kind: its `type` in the scene.
         unit: of its commands.
-        commands: how many came.
+        commands: how many were received.
         largest: the largest, either way, as it came.
         limited: how many its limits made smaller.
         rejected: how many it could not honour, such as an on-time that is too short.
@@ -179,7 +179,7 @@ class Onboard:
 
 
 def onboard(track: Track) -> Onboard:
-    """Return what the log of a scene with actuators or sensors says of them."""
+    """Return what the log of a scene with actuators or sensors says about them."""
     scene = logged_scene(track.bag.attachments) if track.own else None
     if scene is None or not (scene.actuators or scene.sensors):
         return Onboard()
@@ -257,7 +257,7 @@ def _use(actuator: Actuator, values: Array) -> ActuatorUse:
 
 
 def _errors(track: Track, scene: Scene, sensor: Sensor, times: Times, rows: Array) -> Iterator[SensorErrors]:
-    """Yield the errors of each quantity that pose and twist tell: a specific force needs the acceleration too."""
+    """Yield the errors of each quantity that pose and twist determine: a specific force needs the acceleration too."""
     if track.pose is None or track.twist is None:
         return
     outputs, at_pose, at_twist = np.intersect1d(track.pose.time_ns, track.twist.time_ns, return_indices=True)
@@ -275,7 +275,7 @@ def _errors(track: Track, scene: Scene, sensor: Sensor, times: Times, rows: Arra
         return read(0, Truth((x, y, z), (a, b, c, d), (p, q, r), _unknown, gravity, field)) or ()
 
     found = [true(*each) for each in zip(time_ns.tolist(), poses.tolist(), rates.tolist(), strict=True)]
-    # Out of its view, a sun sensor says nothing: at the edge, errors of rounding may have let it say something.
+    # Out of its view, a sun sensor sends nothing; at the edge, rounding errors may have made it send a message.
     seen = np.array([bool(numbers) for numbers in found], dtype=bool)
     if not seen.any():
         return

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
 
-# Fewer messages than this in a row are no run of their own.
+# Fewer messages than this in a row are not a run of their own.
 _RUN = 3
 
 
@@ -53,7 +53,7 @@ class Disorder:
 
 
 def disorder(time_ns: Times) -> Disorder | None:
-    """Return what is not ascending in stamps as they stand in the file; None if nothing is."""
+    """Return what is not ascending in the stamps, in the order of the file; None if all ascend."""
     if not (np.diff(time_ns) < 0).any():
         return None
     restarts: list[tuple[int, int]] = []
@@ -76,7 +76,7 @@ def disorder(time_ns: Times) -> Disorder | None:
 
 
 def _ahead(time_ns: Times) -> NDArray[np.intp]:
-    """Return which messages alone are later than all the next ones, which go on from those before."""
+    """Return which single messages are later than all the next ones, which continue those before."""
     if len(time_ns) <= _RUN:
         return np.empty(0, np.intp)
     following = np.lib.stride_tricks.sliding_window_view(time_ns[1:], _RUN)

@@ -45,8 +45,8 @@ class TopicChoice:
         twist: topic of the twist.
         wrenches: topics of the wrenches.
         frames: the pose is that of the second frame in the first, from /tf and /tf_static.
-        alone: of the motion, only what these topics tell counts: the twist of an Odometry whose pose is chosen, but not
-            what another topic tells.
+        alone: of the motion, only what these topics contain counts: the twist of an Odometry whose pose is chosen, but
+            not what another topic contains.
     """
 
     pose: str = ""

@@ -38,7 +38,7 @@ from rb_dynamics.scene.read import parse_scene
 _SUM = 16.0 * np.finfo(float).eps
 # Of the largest product in what is rotated, multiplied and added some hundred times, on any platform.
 _PRODUCT = 1e-12
-# Hz: above, two samples are less than 10 ns apart, and whole nanoseconds do not tell which is which.
+# Hz: above, two samples are less than 10 ns apart, and whole nanoseconds cannot distinguish them.
 _FASTEST = 1e8
 
 # Samples of which momenta are computed at a time.
@@ -55,7 +55,7 @@ def self_consistency(track: Track) -> list[Check]:
         return []
     scene = logged_scene(track.bag.attachments)
     found = [_odometry(track), _momenta(track, scene)]
-    # Of a part, the rest cannot be told: where it begins, and what came before.
+    # In a part of a log the rest is not known: where it begins, and what came before.
     if not track.bag.cut:
         found.insert(0, _energy(track))
     if scene is not None and not track.bag.cut:
@@ -192,7 +192,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
     channels = WrenchChannels(scene.channels, scene.frames, (), scene.body)
     logged = {steps.topic: steps for steps in track.wrenches}
     sources: list[tuple[str, int, list[_Taken], int | None]] = []
-    # What follows with a lag is what no command of its time gives.
+    # What follows with a lag is not what a command of its time gives.
     for channel in (each for each in scene.channels if not each.lag):
         topic = _topic(track, channel.topic)
         came = track.bag.wrenches(topic.name) if topic is not None else []

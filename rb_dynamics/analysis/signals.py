@@ -138,7 +138,7 @@ def differences(first: Array, second: Array) -> Array:
 
 @dataclass(frozen=True)
 class MotionSignals:
-    """The motion of a track; None for what it does not tell.
+    """The motion of a track; None for what it does not contain.
 
     Attributes:
         attitude: body to world.

@@ -200,7 +200,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     found, left = tuple(balances(track, bound)), None if unsure else residual(track, bound)
     doubt = next((each.doubt for each in agreed if each.doubt), "")
     judged = [*(balanced(track, each, bound) for each in found), *_explained(left)]
-    # Differences of pose and twist that matter nowhere else would be taken for a torque.
+    # Differences of pose and twist that matter nowhere else would be mistaken for a torque.
     if doubt and not unsure and not all(check.passed for check in judged):
         unsure, left = doubt, None
     if unsure:
@@ -245,7 +245,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
 
 
 def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]) -> str:
-    """Return why a self-contradictory recording does not tell what moved the body; "" if it is consistent."""
+    """Return why a self-contradictory recording does not show what moved the body; "" if it is consistent."""
     if track.own:
         return ""
     if track.bag.boundaries and not one_recording(track).passed:

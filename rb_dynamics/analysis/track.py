@@ -113,14 +113,14 @@ class RecordedWrench:
 
 @dataclass(frozen=True)
 class Track:
-    """What a bag tells about one body; None if it does not.
+    """What a bag says about one body; None for what it does not contain.
 
     Attributes:
         bag: the source.
         own: whether this package wrote the log.
         pose: rows of position (m) and quaternion x, y, z, w.
         twist: rows of linear (m/s, of the body origin) and angular velocity (rad/s), in the axes of its frame.
-        rates: a twist in body axes that is computed from the pose where none is recorded; to look at, not to judge by.
+        rates: a twist in body axes that is computed from the pose where none is recorded; to be shown, not to judge by.
         specific_force: of an accelerometer, m/s^2, in its axes: acceleration minus gravity.
         twist_in_world: whether those are the world's axes.
         angular_momentum: kg m^2/s, about the centre of mass, world axes.

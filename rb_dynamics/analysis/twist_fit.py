@@ -19,7 +19,7 @@ _SIGNIFICANT = 8.0
 _GROUPS, _LEAST_IN_GROUP = 12, 2
 # An instrument is this many samples of the twist away from its block, and correlates with it by at least this.
 _AWAY, _FOLLOWS = 3.0, 0.9
-# A twist that changes less than this fraction of itself tells neither lag nor factor.
+# A twist that changes less than this fraction of itself determines neither lag nor factor.
 _CHANGES = 1e-6
 # The longest lag looked for: s, and as a fraction of the recording; and the number of lags tried on either side.
 _LONGEST, _PART, _TRIED = 1.0, 0.1, 80

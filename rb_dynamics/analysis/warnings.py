@@ -16,7 +16,7 @@ _REGULAR = 5
 
 @dataclass(frozen=True)
 class ChannelHistory:
-    """Commands on one wrench channel and their outcome; None if the log does not tell.
+    """Commands on one wrench channel and their outcome; None if the log does not show it.
 
     Attributes:
         topic: as recorded, without "/applied".

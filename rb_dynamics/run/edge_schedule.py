@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FEWEST = 8
 """Edges that are worth a call of the kernel."""
 
-# As many as are looked up at once.
+# The number of edges looked up at once.
 _MANY = 1_000
 
 
@@ -38,7 +38,7 @@ class EdgeSchedule:
         self.known_ns = -1
 
     def forget(self) -> None:
-        """Look everything up again: commands have come."""
+        """Look everything up again: new commands have arrived."""
         self._edges, self.known_ns = None, -1
 
     def count(self, time_ns: int, until_ns: int) -> int:
@@ -49,7 +49,7 @@ class EdgeSchedule:
     def after(self, time_ns: int, outputs: int, until_ns: int, horizon_ns: int) -> Edges | None:
         """Return the edges after `time_ns` and up to `until_ns`; None where they are few.
 
-        `outputs` counts those that lie behind; there is nothing to know beyond `horizon_ns`.
+        `outputs` is the number of past outputs; nothing is known beyond `horizon_ns`.
         """
         if self._edges is None or self.known_ns <= time_ns:
             self._edges, self.known_ns = self._look_up(outputs, horizon_ns)

@@ -332,7 +332,7 @@ class _Steps:
         self.mover = mover(method, effects=loaded)
 
     def require_few(self, time_ns: int) -> None:
-        """Let pass a run of `time_ns` that comes to an end.
+        """Check that a run of `time_ns` does not take too many steps.
 
         Raises:
             ValueError: it takes more than `MOST_STEPS` steps.
@@ -470,7 +470,7 @@ def _wrenches(
 
 @lru_cache(maxsize=4)
 def _nothing(intervals: int, bodies: int) -> Numbers:
-    """Return a part that is left out, most of the four: read-only zeros (intervals, bodies, 3), 8 bytes in all."""
+    """Return a part that was left out, as most are: read-only zeros (intervals, bodies, 3), 8 bytes in all."""
     import numpy as np
 
     return np.broadcast_to(np.array(0.0), (intervals, bodies, 3))

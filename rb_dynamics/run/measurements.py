@@ -41,17 +41,17 @@ class Measurements:
     def __init__(self, scene: Scene) -> None:
         """Begin before the first sample."""
         self._sensors = [_Measuring(sensor, sensor.reading(scene.seed, scene.frames)) for sensor in scene.sensors]
-        # Samples on their way: when they come, the number of their sensor, when they were taken.
+        # Samples not yet delivered: when they arrive, the number of their sensor, when they were taken.
         self._waiting: list[tuple[int, int, int, Measurement]] = []
 
     @property
     def next_ns(self) -> int:
-        """The next time at which a sample is taken or comes."""
+        """The next time at which a sample is taken or arrives."""
         due_ns = min(sensor.due_ns for sensor in self._sensors)
         return min(due_ns, self._waiting[0][0]) if self._waiting else due_ns
 
     def at(self, time_ns: int, truth: Truth) -> Iterator[Measurement]:
-        """Take what is due at `time_ns`, and yield what comes then: in the order of the scene."""
+        """Take the samples due at `time_ns`, and yield those that arrive then, in the order of the scene."""
         for number, sensor in enumerate(self._sensors):
             while sensor.due_ns <= time_ns:
                 if (found := sensor.take(truth)) is not None:

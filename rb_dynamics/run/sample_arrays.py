@@ -147,7 +147,7 @@ class Samples:
         """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
         if self._stored is None:
             return self._phase.torque_impulse_world
-        # Without what went into the parts inside, of which the torque on the body alone knows.
+        # Without the part that went into internal parts, which only the torque on the body includes.
         began = _phase(self._began)
         defect = subtract(subtract(self._spin_of(self._phase), self._spin_of(began)), self._phase.torque_impulse_world)
         gained = subtract(self._spin_of(self._phase, self._stored), self._spin_of(began, self._stored_before))

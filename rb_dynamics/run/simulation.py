@@ -172,7 +172,7 @@ class Simulation:
         self._edge_schedule = EdgeSchedule(self._channels, scene.body, self._period_ns or (1, 1))
 
     def _catch_up(self, past: Past) -> bool:
-        """Compute `past`, and go on from it; else begin anew, with what is held. Return whether it could go on."""
+        """Compute `past` and continue it; otherwise begin anew, with the held commands. Return whether it continues."""
         origin = replace(self.scene, initial=past.initial, duration=past.duration, past=None)
         self._prepare(origin, -past.length_ns)
         for topic, wrench, time_ns in past.commands:
@@ -198,7 +198,7 @@ class Simulation:
         return False
 
     def _go_quietly(self) -> None:
-        """Advance to time 0 and tell no one; what changes the load at 0 is still to come.
+        """Advance to time 0 without output; changes of the load at 0 are still to come.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -281,7 +281,7 @@ class Simulation:
 
     @property
     def _goes_edge_by_edge(self) -> bool:
-        """Whether something acts or listens that kernels do not know."""
+        """Whether something acts or listens that kernels do not support."""
         load_from, scales = self._arc.load
         acts = self._bank is not None or (load_from is not None and not scales.numbers)
         return bool(acts or self._moves or self._sensing is not None)
@@ -539,7 +539,7 @@ class Simulation:
             self._measure()
 
     def _write_sample(self) -> None:
-        """Tell the sinks the state, and what acts of what is on its way."""
+        """Pass to the sinks the state, and the wrenches that are changing gradually."""
         if self._sinks:
             self.write(self.sample)
             if self._channels.lag:
@@ -592,7 +592,7 @@ class Simulation:
         return True
 
     def _report(self, edges: Edges, propagated: Propagated) -> None:
-        """Make the changes of a propagation, and tell the sinks what it came to."""
+        """Apply the changes of a propagation, and pass its events to the sinks."""
         import numpy as np
 
         at, kinds = edges.at[: propagated.edges], edges.kinds[: propagated.edges]
@@ -642,13 +642,13 @@ class Simulation:
         return wheels.switching(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
     def _switch(self, phase: PhaseState) -> None:
-        """Let the wheels that have come to a point of theirs turn otherwise from here on."""
+        """Switch the wheels that have reached a switching time, from here on."""
         if self._wheels is not None:
             self._wheels.switch(self._switching(self._wheels, phase), phase.angular_velocity, phase.inner)
             self._stale = True
 
     def _next_switch_ns(self, wheels: WheelSet, until_ns: int) -> int | None:
-        """Return the first time up to `until_ns` at which a wheel begins to turn otherwise; None if none does.
+        """Return the first time up to `until_ns` at which a wheel switches between free and held; None if none does.
 
         Looked for in whole strides, so that it depends neither on outputs nor on how time advances.
         """
@@ -675,7 +675,7 @@ class Simulation:
             self._arc.advance(end_ns)
 
     def _measure(self) -> None:
-        """Let the sensors read the motion at `time_ns`, and tell the sinks what has come by then."""
+        """Let the sensors read the motion at `time_ns`, and pass to the sinks what has arrived by then."""
         sensing = self._sensing
         if sensing is None or sensing.next_ns > self.time_ns:
             return
@@ -861,7 +861,7 @@ def _with_transients(
 
 
 def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState) -> OfPhase:
-    """Return for how long (s) what acts gradually tells of itself in a phase of an arc."""
+    """Return for how long (s) a phase of an arc predicts the loads that change gradually."""
     ages = [(since_ns - each.since_ns, each) for each in transients]
 
     def at(phase: PhaseState) -> float:
@@ -872,7 +872,7 @@ def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState)
 
 
 def _sight_of_wheels(wheels: WheelSet) -> OfPhase | None:
-    """Return for how long (s) imbalances tell of themselves in a phase; None where there are none."""
+    """Return for how long (s) a phase predicts the loads of imbalances; None where there are none."""
     return (lambda phase: wheels.sight(phase.angular_velocity, phase.inner)) if wheels.imbalances else None
 
 

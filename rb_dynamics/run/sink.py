@@ -58,7 +58,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """How long a command was on its way to a node; the times of the sender are those of its clock.
+    """The latency of a command to a node; the times of the sender are those of its clock.
 
     Attributes:
         time_ns: simulation time at which it was taken.
@@ -92,7 +92,7 @@ class Epoch:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What a sensor gives.
+    """A measurement of a sensor.
 
     Attributes:
         time_ns: simulation time at which it comes, after the sensor's delay.

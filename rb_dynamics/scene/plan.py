@@ -29,7 +29,7 @@ OPEN_END_HORIZON = 3600.0
 
 @dataclass
 class _Choice:
-    """What `auto` chose for arcs of one kind, and what it knows of them.
+    """What `auto` chose for arcs of one kind, and what it has learnt about them.
 
     Attributes:
         chosen: method and control of the driven ones.
@@ -78,7 +78,7 @@ class Plan:
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
-        # Arcs in which something acts gradually are short and take short steps: they tell nothing of the others.
+        # Arcs in which something acts gradually are short and take short steps: they say nothing about the others.
         self._choice, self._gradual_choice = _Choice(), _Choice()
         self._last = self._choice
         self._driven = False
@@ -106,9 +106,9 @@ class Plan:
     ) -> Arc:
         """Return the motion from `start_ns` on, with `held` (body parts in principal axes) and the load of `load_from`.
 
-        `numbers` are the same load for kernels, without the `wheels` that act beside it. `gradually` says of what acts
-        gradually when (s of the run) it is over, and for how long (s) it is in a phase a guide to the load ahead;
-        `sight` says so of what acts all the time.
+        `numbers` are the same load for kernels, without the `wheels` that act beside it. `gradually` gives, for loads
+        that change gradually, the time (s of the run) at which they are over, and for how long (s) a phase predicts
+        them; `sight` gives that for what acts all the time.
 
         Raises:
             ConvergenceError: no method meets the accuracy here.
@@ -122,7 +122,7 @@ class Plan:
         def stepper(method: Method) -> Stepper:
             return Stepper(method, self._inertia, held, load_from, scales)
 
-        # Several commands may come at the same time, each with an arc that time never enters.
+        # Several commands may come at the same time, each with an arc of zero duration.
         if start_ns > self._from_ns:
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
@@ -143,7 +143,7 @@ class Plan:
         if closed and not auto:
             driven_by = None
         elif not closed and (driven_by is None or standing.control is not driven_by[1]):
-            # The arc has chosen for itself alone.
+            # The arc has chosen a method of its own.
             changes = (edges.kinds & CHANGE).nonzero()[0]
             driven_by = standing.method, standing.control
             if len(changes):
@@ -184,7 +184,7 @@ class Plan:
     ) -> tuple[Method, StepControl]:
         choice = self._gradual_choice if gradual else self._choice
         if self._method is None:
-            # An arc that time never enters must leave no trace, so that commands of one time may come one by one.
+            # An arc of zero duration must leave no trace, so that commands of one time may come one by one.
             if start_ns > self._start_ns:
                 self._last.length_ns, self._start_ns = start_ns - self._start_ns, start_ns
                 self._last.driven_arcs += self._driven

@@ -25,12 +25,12 @@ def devices(
         body: None if the scene has no valid one.
         frames: where a device may be.
         magnetic: whether the scene has a magnetic field.
-        taken: the topics of the scene, each with its key; those of the devices come into it.
+        taken: the topics of the scene, each with its key; those of the devices are added.
     """
 
     def values(kind: type[Actuator | Sensor], entry: Field, *common: str) -> SceneEntry:
         section = entry.section(("type", *common, *kind.keys))
-        # Of an actuator the name alone too: what a thruster does is told on `<name>/applied`.
+        # The name of an actuator itself is reserved too: the force of a thruster is on `<name>/applied`.
         if topic_in(section, "name", kind.kind, taken) and issubclass(kind, Actuator):
             topic_in(section, "name", kind.kind, taken, COMMAND)
         if kind.needs_field and not magnetic:

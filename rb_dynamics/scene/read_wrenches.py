@@ -30,7 +30,7 @@ _KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess", "delay", "bias",
 def channels(field: Field | None, taken: dict[str, str]) -> tuple[Channel, ...]:
     """Return the channels in the order of the scene; one named `wrench` if the section is absent.
 
-    Their topics come into `taken`, each with its key.
+    Their topics are added to `taken`, each with its key.
     """
     if field is None:
         taken[Channel().topic] = "wrenches"

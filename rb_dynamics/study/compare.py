@@ -113,7 +113,7 @@ def _is_one(a: Source, b: Source) -> bool:
 
 
 class _Flights:
-    """Reads two flights, and flies one of them where it is a scene or says nothing of its motion.
+    """Reads two flights, and simulates one of them if it is a scene or has no motion.
 
     Attributes:
         offset_ns: B's time less A's, known from the commands that were flown; None otherwise.
@@ -145,7 +145,7 @@ class _Flights:
             if self._one_bag:
                 return a, b
             if self._scene is not None and not a.track.own and _is_one(*self._sources):
-                # A bag against itself says nothing: the scene is to be flown.
+                # Comparing a bag with itself says nothing: the scene is to be flown.
                 return self._flown(self._scene, a, 0), b
             if self._scene is not None and not (_moves(a.track) and _moves(b.track)):
                 if not _moves(b.track):
@@ -176,7 +176,7 @@ class _Flights:
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 
     def _other_scene(self) -> Scene | None:
-        """Return the scene that is to be flown: it tells body and frames of the recording, too."""
+        """Return the scene that is to be flown: it also gives body and frames of the recording."""
         return next((opened_scene(source) for source in self._sources if _is_scene(source)), None)
 
     def _flown(self, scene: Scene, other: Given, place: int) -> Given:
@@ -286,7 +286,7 @@ def _flown_from(a: Track, b: Track) -> int | None:
 
 
 def _recorded_start(log: Track, bag: Track) -> int | None:
-    """Return which time of `bag` is time 0 of `log`, by the stamps of the commands in both; None if they tell nothing.
+    """Return which time of `bag` is time 0 of `log`, by the stamps of commands in both; None if they do not show it.
 
     Only commands without stamps are known by the name of their bag: it may have been renamed, or be another's.
     """

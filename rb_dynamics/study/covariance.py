@@ -48,11 +48,11 @@ QUANTITIES = {
     "position_world": "m",
     "linear_velocity_world": "m/s",
 }
-"""What is told, three numbers each, with units; the attitude as a turn about body axes."""
+"""The quantities of a result, three numbers each, with units; the attitude as a turn about body axes."""
 
-# Outputs without which nothing is known of the motion.
+# Fewer outputs than this do not show the motion.
 _FEWEST = 4
-# At most so many outputs are told of.
+# The largest number of outputs in a result.
 _MOST = 1001
 # Part of a radian, or of the motion, by which the derivatives' flight may be off the run.
 _OFF = 1e-3
@@ -68,7 +68,7 @@ class Covariance:
     Attributes:
         names: of the numbers that are uncertain.
         sigmas: their standard deviations, SI units.
-        exact: what a fit could not tell, and is taken as exact.
+        exact: what a fit could not determine; it is taken as exact.
         time_ns: (n,), outputs of the run.
         matrices: (n, 12, 12), of attitude (turn about body axes), angular velocity (body axes), position and velocity
             (world axes, of the body origin).
@@ -184,7 +184,7 @@ def covariance(
 
 
 def _groups(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what of a `Model` the names need."""
+    """Return the parts of a `Model` that the names need."""
     found = dict.fromkeys(name.partition(".")[0] for name in names if not name.startswith("effects["))
     keys = dict.fromkeys(re.sub(r"\.[xyz]$", "", name) for name in names if name.startswith("effects["))
     return tuple(name for name in (*found, *keys) if name != "initial")
@@ -254,7 +254,7 @@ def _directions(model: Model, scene: Scene, names: Sequence[str]) -> Array:
                 raise SceneError(f"found {name}, expected the scale of a topic of the run: {listed}; correct the name")
             by[blocks[topic].at, k] = 1.0
         elif whole in ("initial.orientation", "initial.rotation"):
-            # A fit tells the rotation vector of the attitude; anyone else a turn from it.
+            # A fit gives the rotation vector of the attitude, users a rotation from it.
             turns = rotations.right_jacobians(vector) if whole.endswith("rotation") else np.eye(3)
             by[layout["initial[0].rotation"].at, k] = turns[:, place]
         else:
@@ -266,7 +266,7 @@ def _directions(model: Model, scene: Scene, names: Sequence[str]) -> Array:
 
 
 def _stacked(model: Model, z: Array) -> tuple[Array, Array]:
-    """Return what a flight is off the run (n, 12), and its derivatives (n, 12, p)."""
+    """Return the deviation of a flight from the run (n, 12), and its derivatives (n, 12, p)."""
     parts = {each.key[1]: each for each in model.predict(z)}
     left = np.concatenate([parts[kind].left for kind in _KINDS], axis=1)
     return left, np.concatenate([parts[kind].by for kind in _KINDS], axis=1)
@@ -276,7 +276,7 @@ def _steady(model: Model, z: Array) -> tuple[Array, Array]:
     """Return `_stacked` with steps so short that the flight is that of the run.
 
     Raises:
-        SceneError: it is another with the shortest, too.
+        SceneError: it differs even with the shortest.
     """
     start = model.starts[0]
     speed = max(float(np.abs(s.values).max()) for s in model.flights[0].streams if s.kind == VELOCITY)

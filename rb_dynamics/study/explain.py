@@ -344,7 +344,7 @@ def _measured(
         # Outputs count too: a closed form takes one step for any number of them.
         if reached >= length or max(run.steps_computed, reached * scene.output_rate) >= _LEAST_STEPS:
             break
-        # The budget went on parts of a few steps, which tell no cost: the machine may have been busy.
+        # The budget was spent on parts of a few steps, which do not show the cost: the machine may have been busy.
     else:
         return run, math.nan, tally
     again = _REPEATS - 1 if wall < _SHORT else int(reached < length)

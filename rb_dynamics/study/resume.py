@@ -33,17 +33,17 @@ from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
-# Commands of a run that a scene takes along if it cannot take all.
+# Commands of a run that a scene keeps if it cannot keep all.
 _KEPT = 500
 
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene that goes on from a log.
+    """A scene that continues a log.
 
     Attributes:
         text: YAML.
-        notes: what it does not take along; empty if it continues with the same bits.
+        notes: what it leaves out; empty if it continues with the same bits.
         later: whether the log has commands from then on.
     """
 
@@ -56,7 +56,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     """Return a scene whose time 0 is `time_ns` of a log of this package.
 
     Its commands are those that it is given: with `--wrench LOG --wrench-start T` those of the log. What is held at
-    that time goes on without them.
+    that time stays held without them.
 
     Raises:
         LogError: it is not a log of this package or ends before `time_ns`, the body was moved from outside before, or
@@ -75,7 +75,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     _require_possible(source.path, scene, messages, time_ns, last_ns)
     commands = list(received_commands(scene, names, iter(messages)))
     later = any(at >= time_ns for _, _, at in commands)
-    # What is not finite was rejected, and no scene can say it.
+    # What is not finite was rejected, and no scene can contain it.
     received = [
         (topic, wrench, at)
         for topic, wrench, at in commands
@@ -117,7 +117,7 @@ _Commands = list[tuple[str, Wrench, int]]
 
 
 def _newest(commands: _Commands) -> _Commands:
-    """Return the newest commands, and of each other channel the last one: what they hold goes on."""
+    """Return the newest commands, and of each other channel the last one, which stays held."""
     last = {topic: number for number, (topic, _, _) in enumerate(commands)}
     kept = sorted({*last.values(), *range(max(0, len(commands) - _KEPT), len(commands))})
     return [commands[number] for number in kept]
@@ -141,7 +141,7 @@ class _Part:
 
 
 def _scene_said_first(path: Path) -> Scene | None:
-    """Return the scene of a log of this package, which says it before its messages; None of any other bag."""
+    """Return the scene of a log of this package, which has it before its messages; None for any other bag."""
     source = open_source(path)
     next(iter(source.blocks()), None)
     return logged_scene(source.attachments) if RUN in source.metadata else None
@@ -150,11 +150,11 @@ def _scene_said_first(path: Path) -> Scene | None:
 def whole_run(logs: Sequence[Path], target: Path) -> int | None:
     """Write the log of the whole run of which `logs` are parts, that of the beginning among them; return its samples.
 
-    None, and nothing written, if none of them goes on from another.
+    None, and nothing written, if none of them continues another.
 
     Raises:
-        LogError: they are not of one run: run as one, it comes to other numbers than one of them has; or no scene says
-            what happened in one.
+        LogError: they are not of one run, as the whole run gives other numbers than one of them; or no scene can
+            describe what happened in one.
     """
     scenes = [_scene_said_first(path) for path in logs]
     if None in scenes or all(scene is None or scene.past is None for scene in scenes):
@@ -209,7 +209,7 @@ def _repeated(whole: _Part, parts: Sequence[_Part], ends_ns: Sequence[int]) -> i
 
 
 def _require_possible(path: Path, scene: Scene, messages: Sequence[Message], time_ns: int, last_ns: int) -> None:
-    """Refuse what no scene can go on from.
+    """Refuse a log that no scene can continue.
 
     Raises:
         LogError: says what it is.

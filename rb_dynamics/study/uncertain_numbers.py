@@ -47,7 +47,7 @@ def uncertain_numbers(
     """
     above = _given(sigmas, "sigma", scene) if sigmas else UncertainNumbers((), np.zeros((0, 0)))
     below = UncertainNumbers((), np.zeros((0, 0))) if uncertain is None else _given(uncertain, "uncertain", scene)
-    # A fit tells the start as a rotation vector.
+    # A fit gives the start as a rotation vector.
     said = {name.replace("orientation", "rotation") for name in above.names}
     kept = [k for k, name in enumerate(below.names) if name.replace("orientation", "rotation") not in said]
     matrix = np.zeros((len(kept) + len(above.names),) * 2)

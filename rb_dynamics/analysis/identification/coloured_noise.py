@@ -30,7 +30,7 @@ _LEAST_MEANS = 16
 
 
 class Band(NamedTuple):
-    """A band of frequencies of what one sensor left of one recording.
+    """A band of frequencies of the residuals of one sensor in one recording.
 
     Attributes:
         power: sum of the squares of the residuals over their noise.
@@ -65,7 +65,7 @@ def bands_of(left: Array, weighted: Array, samples: Sequence[int]) -> list[list[
         while begin < count:
             used = float(free[begin - 1]) if begin else 0.0
             end = max(2 * begin, 1 + int(np.searchsorted(free, used + _BAND)))
-            # What is left over is too little for a band of its own.
+            # The rest is too little for a band of its own.
             end = end if end - begin <= count - end else count
             freedom = max(1.0, float(free[end - 1]) - used)
             bands.append(Band(float(power[begin:end].sum()), freedom, by[begin:end].reshape(-1, by.shape[2])))
@@ -133,7 +133,7 @@ def noise_beneath(left: Array, turn: float, step: float) -> float:
     """Return the noise of a sample that residuals (n, 3) show: what changes faster than a motion does.
 
     It is the largest in third differences of single samples and of means of ever more, as noise may be filtered.
-    Infinite where so few samples do not tell.
+    Infinite for too few samples.
 
     Args:
         left: residuals.
@@ -147,7 +147,7 @@ def noise_beneath(left: Array, turn: float, step: float) -> float:
         count = len(left) // size
         third = np.diff(left[: count * size].reshape(count, size, -1).mean(axis=1), n=3, axis=0)
         if third.size:
-            # By the median: of a few wild samples the residuals are made, too.
+            # By the median: the residuals contain a few outliers, too.
             found = max(found, 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0))
         size *= 2
         if size * turn > _SHORT_TURN or len(left) < size * _LEAST_MEANS:

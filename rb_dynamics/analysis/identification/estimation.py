@@ -24,8 +24,8 @@ LOSSES = ("linear", "soft_l1", "huber", "cauchy")
 
 Key = tuple[str, str]
 
-# Plausible values lie within this many units of a parameter. What no measurement tells stays at its start by it, and
-# what is told is not changed by it.
+# Plausible values lie within this many units of a parameter. It keeps what no measurement determines at its start, and
+# hardly changes what is determined.
 _FAR = 30.0
 # rad turned in the first piece of a flight, and how much longer each piece is than the one before.
 _FIRST_PIECE = 3.0
@@ -33,7 +33,7 @@ _LONGER = 3.0
 # Two fits are the same minimum if their costs differ by this fraction.
 _SAME = 1e-3
 _COARSE = 1e-3
-# Logarithm of a factor between the size of a body in the scene and that which balances of momentum tell roughly.
+# Logarithm of a factor between the size of a body in the scene and the one that balances of momentum give roughly.
 _OTHER_SIZE = 2.0
 # Of the misfit of the scene, what that of the balances is at most if they are nearer.
 _NEARER = 0.1
@@ -77,7 +77,7 @@ class Fit(NamedTuple):
 
 @dataclass
 class _Progress:
-    """Tells how far a fit has come, 0 to 1."""
+    """Reports the progress of a fit, 0 to 1."""
 
     tell: Callable[[float], None] | None
     total: int
@@ -111,7 +111,7 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
             bar.step()
         whole = _least_squares(model, at, noise, loss, None)
         found.append((whole.cost, whole))
-        # What noise alone explains is the minimum: no other start can better it.
+        # A fit that leaves only noise is the minimum: no other start can improve it.
         if _explained(model, whole.x, noise):
             break
     costs = np.array([cost for cost, _ in found])
@@ -190,7 +190,7 @@ def _pieces(model: Model) -> list[list[int]]:
 
 
 def _twelfth(flight: Flight, count: int) -> int:
-    """Return the time (ns) at which the fastest stream has this many samples: fewer tell nothing."""
+    """Return the time (ns) at which the fastest stream has this many samples: fewer are not enough."""
     return min(int(s.time_ns[min(count, len(s.time_ns)) - 1]) for s in flight.streams if len(s.time_ns))
 
 

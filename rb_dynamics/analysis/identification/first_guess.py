@@ -27,7 +27,7 @@ _THIN = 1e-2
 
 
 def first_guess(model: Model) -> Array | None:
-    """Return parameters with the mass and the inertia of the balances; None where these tell neither."""
+    """Return parameters with the mass and the inertia of the balances; None if these determine neither."""
     z, layout = np.zeros(model.layout.count), model.layout
     inertia = _inertia(model) if "shape" in layout else None
     mass = _mass(model) if "mass" in layout else None

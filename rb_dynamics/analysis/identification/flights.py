@@ -77,7 +77,7 @@ class Flight:
         name: of the recording.
         streams: what was measured.
         channels: what acted.
-        notes: what a person should know of how it was read.
+        notes: remarks for the user on how it was read.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Flight:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a recording that says nothing.
+        """Refuse a recording without enough data.
 
         Raises:
             LogError: no stream has enough samples.
@@ -170,7 +170,7 @@ class Flight:
 
 
 def _blank(stream: Stream) -> Array:
-    """Return rows of what a stream does not measure."""
+    """Return rows for quantities that a stream does not measure."""
     return np.full((len(stream.time_ns), 3), np.nan)
 
 
@@ -243,7 +243,7 @@ def acting_elsewhere(
 ) -> list[WrenchSeries]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
-    `notes` gets what a person should know of them; `topics` are those of wrenches, all if it is empty.
+    `notes` receives remarks for the user about them; `topics` are those of wrenches, all if it is empty.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
@@ -258,7 +258,7 @@ def acting_elsewhere(
 
 
 def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[WrenchSeries]:
-    # What effects of the scene did is in a log of this package, too, in whatever namespace.
+    # A log of this package also contains what effects of the scene did, in any namespace.
     acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
     found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
     return [_channel(wrench, scene, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]

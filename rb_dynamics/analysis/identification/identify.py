@@ -46,7 +46,7 @@ GROUPS = (
 STARTS = 4
 """Starts of a fit: the body of the scene, and others."""
 
-# A number is told if at most this part of its change is in directions that are not.
+# A number is determined if at most this part of its change is in undetermined directions.
 _HIDDEN = 0.05
 # More of them explain anything.
 _MOST_OMISSIONS = 2
@@ -76,7 +76,7 @@ class Parameter:
         standard_error: None where it is not known.
         interval: which holds the true value in 95 of 100 recordings; None where it is not known.
         unit: of the value; "" for a ratio.
-        known: whether the recordings tell it.
+        known: whether the recordings determine it.
         asked: whether it was asked for by name.
     """
 
@@ -91,16 +91,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Identification:
-    """What recordings tell about a body.
+    """What recordings say about a body.
 
     Attributes:
         recordings: their names.
-        parameters: the numbers, and how surely they are known.
+        parameters: the numbers, and how certain they are.
         covariance: of the parameters, in their order and units; NaN of those that are not known.
         body: with the values that are known, and those of the scene for the others.
         scene: with that body, the effects and the start of the first recording: it runs.
         residuals: what is left, by topic and kind.
-        unknown_combinations: directions in which nothing is told, as text.
+        unknown_combinations: directions that are not determined, as text.
         advice: what recording would tell them.
         starts: fits that were tried.
         agreeing: how many of them found the same best one.
@@ -132,7 +132,7 @@ class Identification:
 
     @property
     def explained(self) -> bool:
-        """Whether the model explains the recordings, but for noise; if not, errors may be larger than told."""
+        """Whether the model explains the recordings, but for noise; if not, errors may be larger than stated."""
         return all(each.explained for each in self.residuals)
 
     @property
@@ -154,7 +154,7 @@ class Identification:
     def passed(self) -> bool:
         """Whether the fit came to rest and everything that was asked for is known; without names, anything at all.
 
-        Of a fit that does not follow its recording nothing is known.
+        A fit that does not follow its recording determines nothing.
         """
         asked = [each.known for each in self.parameters if each.asked]
         told = all(asked) if asked else any(each.known for each in self.parameters if _of_body(each.name))
@@ -228,13 +228,14 @@ def identify(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Identification:
-    """Return what `recordings` tell about the body of `scene`.
+    """Return what `recordings` say about the body of `scene`.
 
     Args:
         scene: the body as far as it is known, frames, channels and effects; or its file.
         recordings: logs of this package, or bags of pose, odometry, twist or gyro, with the commands, or .csv; of one
             body.
-        fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are told.
+        fit: what to fit, of `GROUPS` and dotted keys of effects; None for the mass properties, as far as they are
+            determined.
         commands: bags with the commands, where the recordings have none; of the same clock.
         columns: of .csv recordings, by what they hold, as in {"gyro": ("wx", "wy", "wz")}; see `QUANTITIES`.
         topics: which topics of bags of other programs describe the body; found by type and name otherwise.
@@ -281,10 +282,11 @@ def identify(
 
 
 def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> Identification:
-    """Return what a fit tells, with what it lacked if that explains all that it left.
+    """Return the result of a fit, with the missing load if that explains all of the residuals.
 
-    What is sure but explains a part only is not the truth either: the fit stays, and its errors are widened by as much
-    as that would move the numbers.
+    A load that is certain but explains only a part is not the truth either: the fit stays, and its errors are widened
+        by
+    as much as that load would move the numbers.
     """
     bare = _Report(model, fit, names)
     result = bare.identification()
@@ -308,7 +310,7 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> Ident
 
 
 def _of_parts(part: Sequence[Omission]) -> list[str]:
-    """Return what a person should know of what explains a part of what a fit leaves."""
+    """Return a remark on loads that explain only a part of the residuals."""
     return [
         f"{each.what} of about ({', '.join(f'{v:.3g}' for v in each.value)}) {each.unit}".rstrip()
         + " that nobody told of would explain a part of the residuals, not all"
@@ -323,7 +325,7 @@ def _of_parts(part: Sequence[Omission]) -> list[str]:
 
 
 def _of_omissions(found: Sequence[Omission]) -> list[str]:
-    """Return what a person should know of what was fitted although it was not asked for."""
+    """Return a remark on parameters that were fitted without being asked for."""
     notes = []
     for each in found:
         values, errors = (", ".join(f"{v:.3g}" for v in some) for some in (each.value, each.standard_error))
@@ -389,7 +391,7 @@ def _coloured(residuals: Sequence[Residuals]) -> list[str]:
 
 
 class _Report:
-    """What a fit tells, with errors."""
+    """The result of a fit, with errors."""
 
     def __init__(
         self, model: Model, fit: Fit, names: Sequence[str], doubtful: bool = False, moved: Sequence[Array] = ()
@@ -412,12 +414,12 @@ class _Report:
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
         self.unseen = directions[:, values > TOLD**2]
-        # What the recordings tell stays told, with an error that holds what may have moved it.
+        # What the recordings determine stays determined, with an error that covers what may have moved it.
         for step in moved:
             near = np.linalg.solve(self.local, step)
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
-            # All that is told is that the scene is not that of the recording: its values stay.
+            # The only result is that the scene is not that of the recording: its values stay.
             self.unseen, self.z = directions, np.zeros(len(fit.z))
         from scipy.special import stdtrit
 
@@ -457,7 +459,7 @@ class _Report:
     def shift(self, step: Array) -> float:
         """Return by how many of its standard errors a step moves that number of the body which it moves most.
 
-        Of what `identification` has told; infinite if that is nothing of the body.
+        Of those that `identification` has determined; infinite if it has determined none of the body.
         """
         numbers = [(p.standard_error, by) for p, by in zip(self.told, self.changes, strict=True) if _of_body(p.name)]
         moved = [abs(float(by @ step)) / error for error, by in numbers if error]
@@ -494,7 +496,7 @@ class _Report:
         return block in self.model.layout
 
     def _error(self, by: Array) -> float:
-        """Return the standard error of a number that changes by `by` with the parameters; infinite if not told."""
+        """Return the standard error of a number that changes by `by` with the parameters; infinite if unknown."""
         by = by @ self.local
         hidden = float(np.linalg.norm(by @ self.unseen))
         return float(np.sqrt(by @ self.covariance @ by)) if hidden <= _HIDDEN * float(np.linalg.norm(by)) else np.inf
@@ -558,7 +560,7 @@ class _Report:
             ):
                 if group in self.model.fit or group == "inertia_ratios":
                     # Without a scale no moment is known, not even a product that is zero: its error is not. And where
-                    # a direction of the shape is not told, each number depends on where the fit stopped in it.
+                    # a direction of the shape is not determined, each number depends on where the fit stopped in it.
                     told = self._shape_told and (group != "inertia" or self._told("size"))
                     found += [
                         self._parameter(f"{group}.{axis}", float(values[i, j]), told * changes[i, j], group)
@@ -602,7 +604,7 @@ class _Report:
         return [self._parameter(n, float(v), row, "initial") for n, v, row in zip(names, vector, by, strict=True)]
 
     def _unknown(self) -> list[str]:
-        """Return the directions of the body, effects and sensors in which the recordings tell nothing."""
+        """Return the directions of the body, effects and sensors that the recordings do not determine."""
         layout = self.model.layout
         kept = {
             name: block
@@ -622,7 +624,7 @@ class _Report:
         return [_combination(vector, names) for vector in _simple(directions).T]
 
     def _advice(self, parameters: Sequence[Parameter]) -> list[str]:
-        """Return what recording would tell what this one does not; none where it is the model that does not fit."""
+        """Return what recording would determine what this one does not; none if the model does not fit."""
         if not self.follows:
             return []
         unknown = {each.name.split(".")[0] for each in parameters if not each.known}
@@ -664,7 +666,7 @@ class _Report:
 
     def _body(self) -> RigidBody:
         found, given = self.model.body(self.z), self.model.scene.body
-        # What is not told stays as it was given, to the bit.
+        # What is not determined stays as it was given, to the bit.
         mass = found.mass if self._has("mass") and self._told("mass") else given.mass
         center = found.center_of_mass.tolist() if self._has("center_of_mass") else list(given.center_of_mass)
         if not self._has("shape") or not self._shape_told:
@@ -677,7 +679,7 @@ class _Report:
 
     @property
     def _shape_told(self) -> bool:
-        """Whether every direction of the shape of the inertia is told."""
+        """Whether every direction of the shape of the inertia is determined."""
         return float(np.linalg.norm(self.unseen[self.model.layout["shape"].at])) <= _HIDDEN
 
     def _told(self, name: str) -> bool:
@@ -697,7 +699,7 @@ class _Report:
                 "body.inertia": {"matrix": [list(row) for row in body.inertia]},
             }
         for name, values in self.model.effects(self.z).items():
-            # Drag takes energy out: what noise makes negative is none.
+            # Drag takes energy out: a negative one comes from noise and is set to zero.
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()
             overrides[name] = kept if len(kept) > 1 else kept[0]
@@ -719,7 +721,7 @@ class _Report:
 
 
 def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Scene:
-    """Return a scene that was made or changed in Python with what was found; no text says what it is."""
+    """Return a scene that was made or changed in Python with what was found; no text describes it."""
     start: dict[str, Any] = {
         key.removeprefix("initial."): tuple(value) for key, value in overrides.items() if key.startswith("initial.")
     }

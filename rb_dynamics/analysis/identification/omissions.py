@@ -45,7 +45,7 @@ _PUSHED = 3.0
 
 @dataclass(frozen=True)
 class Omission:
-    """A load that the scene does not have, or an error of sensors that is not fitted, as the recordings tell it.
+    """A load that the scene does not have, or an error of sensors that is not fitted, as the recordings show it.
 
     Attributes:
         what: in words.
@@ -86,7 +86,7 @@ class Omission:
 
 
 class Candidate(NamedTuple):
-    """What is tried.
+    """A candidate that is tried.
 
     Attributes:
         what: in words.
@@ -118,7 +118,7 @@ class Candidate(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What one step with a load in the model tells.
+    """The result of one step with a load in the model.
 
     Attributes:
         candidate: what was tried.
@@ -146,7 +146,7 @@ class Trial(NamedTuple):
 
 
 def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
-    """Return what each candidate but those `known` would explain of what a fit leaves."""
+    """Return what each candidate, except those `known`, would explain of the residuals of a fit."""
     tried = [each for each in _candidates(model) if each.what not in {trial.candidate.what for trial in known}]
     wide, keys = _with_loads(model, tried, fit.z)
     old = _places(model, wide)
@@ -172,7 +172,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         step = -covariance[:, len(old) :] @ slope
         of_load = covariance[len(old) :, len(old) :]
         if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
-            # What the fit has already, under another name, is not told.
+            # What the fit already has under another name is left out.
             continue
         rest = left + weighted[:, columns] @ step
         freedom = max(1.0, len(rest) - len(columns))
@@ -203,9 +203,9 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
 
 
 def best_with(model: Model, fit: Fit, tried: Sequence[Trial], loss: str) -> tuple[Trial, Model, Fit] | None:
-    """Return the candidate that is surely there and explains most, with model and fit; None if there is none.
+    """Return the candidate that is certain and explains most, with model and fit; None if there is none.
 
-    Of several that are sure each is fitted to the end, as one step does not tell which is right: the least information
+    If several are certain, each is fitted to the end, as one step does not show which is right: the least information
     criterion of Schwarz wins.
     """
     sure = [_fitted_with(model, fit, trial, loss) for trial in tried if trial.chance <= CHANCE]
@@ -245,7 +245,7 @@ def _chance(value: Array, covariance: Array, freedom: float, tried: int) -> floa
 
 
 def _candidates(model: Model) -> list[Candidate]:
-    """Return what these recordings may tell and the fit does not have."""
+    """Return the candidates that these recordings may show and the fit does not have."""
     frames, wrench, drag = model.scene.frames, ScheduledWrench.kind, LinearDrag.kind
     found = [
         Candidate("a constant torque in body axes", "N m", wrench, frames.body_frame, "torque"),
@@ -272,7 +272,7 @@ def _candidates(model: Model) -> list[Candidate]:
 
 
 def _has_axes(model: Model) -> bool:
-    """Return whether anything but a gyro and drag knows the axes of the body: without it they are the gyro's."""
+    """Return whether anything but a gyro and drag depends on the axes of the body: otherwise they are the gyro's."""
     sensors = any(s.kind in (ATTITUDE, ACCELERATION) for flight in model.flights for s in flight.streams)
     loads = any(isinstance(effect, (Rotor, ScheduledWrench)) for effect in model.scene.effects)
     return sensors or loads or any(flight.channels for flight in model.flights)

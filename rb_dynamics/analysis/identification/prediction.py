@@ -59,7 +59,7 @@ TURN = 0.06
 
 
 class Predicted(NamedTuple):
-    """What a stream should have measured against what it did.
+    """What a stream should have measured, compared with what it did measure.
 
     Attributes:
         key: topic and kind.
@@ -113,7 +113,7 @@ class Model:
             SceneError: an effect of the scene is not modelled here, or `fit` names what the scene does not have.
         """
         self.scene, self.fit = scene, tuple(fit)
-        # Where an accelerometer sits and how far it is off must be fitted for it to tell anything.
+        # Where an accelerometer sits and how far it is off must be fitted for it to be of use.
         unused = () if "accelerometer" in fit else (ACCELERATION,)
         self.flights = tuple(flight.without(unused) for flight in flights)
         self._require_modelled()

@@ -15,13 +15,13 @@ from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.track import Array
 
 # Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
-# throws whose truth is known 4.3. A fit that does not explain so much of the motion itself tells nothing.
+# throws whose truth is known 4.3. A fit that leaves more of the motion itself unexplained means nothing.
 _EXPLAINED, _FOLLOWED = 5.0, 0.1
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """What the fit leaves of one kind of measurement of a topic.
+    """The residuals of one kind of measurement of a topic.
 
     Attributes:
         topic: as recorded.
@@ -66,7 +66,7 @@ def fit_bands(fit: Fit, weighted: Array) -> list[list[Band]]:
 
 
 def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:
-    """Return what a fit leaves of each topic and kind, of the bands of its streams."""
+    """Return the residuals of each topic and kind, from the bands of their streams."""
     found = []
     for key in dict.fromkeys(each.key for each in fit.predicted):
         mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key == key]
@@ -74,7 +74,7 @@ def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> lis
         every = np.vstack(parts)
         white, correlation = whiteness(parts, [of for _, of in mine])
         rms = _rms(every)
-        # Nothing is judged below what a recording is believed to show.
+        # Nothing is judged below the accuracy that a recording is believed to have.
         white = white or rms <= floor_of(model, key)
         told = [noise for each, _ in mine if np.isfinite(noise := _beneath(model, each))]
         beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0

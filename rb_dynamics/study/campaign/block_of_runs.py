@@ -274,7 +274,7 @@ class _Closed:
         return self._waiting[0][0] if self._waiting else end_ns
 
     def commanded(self, time_ns: int) -> tuple[Commands, Commands, npt.NDArray[np.bool_]] | None:
-        """Return all that is commanded from now on, what of it comes now, and to which runs; None if nothing does."""
+        """Return all commands that hold from now on, which of them are new, and for which runs; None if none is."""
         import numpy as np
 
         new: Commands = {}

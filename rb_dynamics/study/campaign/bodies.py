@@ -96,13 +96,13 @@ class Bodies(Protocol):
 
     @property
     def failed(self) -> Mapping[int, str]:
-        """Why some of them have stopped, by index; what is said of them since is not theirs."""
+        """Why some of them have stopped, by index; what is returned for them since then is not valid."""
 
     def samples(self) -> Samples:
         """Return their present state and bookkeeping."""
 
     def onboard(self) -> OnboardValues:
-        """Return what is there for a controller, at the last `samples`."""
+        """Return what a controller can measure, at the last `samples`."""
 
     def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
         """Hold `commands` from now on, of which `new` come now, for the bodies marked in `changed` (N,)."""
@@ -169,7 +169,7 @@ class InTurn:
     """Bodies that go in turn, each through many observations at a time, in the loop that `simulate` runs."""
 
     def __init__(self, scenes: Sequence[Scene], period_ns: int) -> None:
-        """Start at the initial states of the scenes; they are looked at every `period_ns`, and at the end."""
+        """Start at the initial states of the scenes; they are observed every `period_ns`, and at the end."""
         import numpy as np
 
         self._body = body_of_arrays([scene.body for scene in scenes])
@@ -218,7 +218,7 @@ class InTurn:
         """Refuse; see `Bodies`.
 
         Raises:
-            TypeError: always: no one commands these bodies.
+            TypeError: always: these bodies have no commands.
         """
         raise TypeError("bodies that go in turn take no commands")
 
@@ -229,7 +229,7 @@ class InTurn:
         self._now = int(self._times.searchsorted(time_ns))
 
     def _go_on(self, first_ns: int) -> None:
-        """Let each go to the next observations, from `first_ns` on."""
+        """Advance each to the next observations, from `first_ns` on."""
         import numpy as np
 
         last_ns = min(self._end_ns, first_ns + (_LOOKS - 1) * self._period_ns)
@@ -256,7 +256,7 @@ class Alone:
     """One body, in the loop that `simulate` runs; `sinks` receive its outputs."""
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), driven: bool = False) -> None:
-        """Start at the initial state of the scene; `driven`: by a controller, which hears its sensors."""
+        """Start at the initial state of the scene; `driven`: by a controller, which gets its sensors' messages."""
         self._scene, self._newest = scene, NewestMeasurements(scene) if driven and scene.sensors else None
         newest = [self._newest] if self._newest else []
         self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *newest])
@@ -276,7 +276,7 @@ class Alone:
         columns = {name: np.array([getattr(sample, name)]) for name in _FIELDS}
         torque_impulse = subtract(phase.torque_impulse_world, began.torque_impulse_world)
         if self._inside:
-            # Without what went into the parts inside, of which the torque on the body alone knows.
+            # Without the part that went into internal parts, which only the torque on the body includes.
             gained = subtract(sample.angular_momentum_world, first.angular_momentum_world)
             torque_impulse = subtract(gained, sample.angular_momentum_defect_world)
         columns["impulse_world"] = np.array([subtract(phase.impulse_world, began.impulse_world)])
@@ -288,7 +288,7 @@ class Alone:
         return Samples.known(sample.time_ns, **columns)
 
     def onboard(self) -> OnboardValues:
-        """Return what is there for a controller; see `Bodies`."""
+        """Return what a controller can measure; see `Bodies`."""
         import numpy as np
 
         sample, effects, newest = self._seen, self._scene.combined_effects, self._newest

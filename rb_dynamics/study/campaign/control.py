@@ -133,18 +133,18 @@ class ControlLoop:
         self._sample, self._silent = 0, tuple[str, ...]()
 
     def end(self) -> None:
-        """Count the runs as failed if their law was never called: they show the body without it."""
+        """Count the runs as failed if their law was never called: they show the uncontrolled body."""
         if self._silent:
             why = f"{self._name} was never called: it waits for a first message from {', '.join(self._silent)}; "
             why += "correct their rate, delay or dropout, or make the run longer"
             self.failed.update(dict.fromkeys(range(len(self._largest)), why))
 
     def commands(self, samples: Samples, onboard: OnboardValues) -> Commands:
-        """Return what is commanded at the sample that is due now: nothing before the sensors have spoken.
+        """Return what is commanded at the sample that is due now: nothing before each sensor has sent a message.
 
         Raises:
             FunctionError: the law raised.
-            SceneError: the law did not return an array of the right shape, or commands what is not there.
+            SceneError: the law did not return an array of the right shape, or commands something that does not exist.
         """
         self._silent = onboard.silent
         if self._silent:
@@ -160,7 +160,7 @@ class ControlLoop:
         return commands
 
     def _checked(self, name: str, value: object, time_s: float) -> Numbers:
-        """Return one command as numbers, a torque limited and biased; a body fails if they make no sense."""
+        """Return one command as numbers, a torque limited and biased; a body fails if they are not valid."""
         import numpy as np
 
         unit = {TORQUE: "N m", FORCE: "N", **self._units}.get(name)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class SensorReading:
-    """The newest message of one sensor: what it measures, by attribute; NaN where none has come.
+    """The newest message of one sensor: what it measures, by attribute; NaN before the first.
 
     Attributes:
         time_s: when it was taken, (N,).
@@ -46,7 +46,7 @@ class SensorReading:
 
 
 class OnboardValues(NamedTuple):
-    """What is on board of N bodies.
+    """The measurements on board N bodies.
 
     Attributes:
         sensors: newest message of each, by name.
@@ -54,7 +54,7 @@ class OnboardValues(NamedTuple):
         magnetic_field_world: flux density at the body origin, T, (N, 3); None without a field.
         orientation_xyzw: body to world, as first sensor that measures it says, (N, 4); None if there is none.
         angular_velocity_body: rad/s, (N, 3), likewise.
-        silent: sensors that have not spoken, except those that may have nothing to say.
+        silent: sensors without a message so far, except those that may have nothing to report.
     """
 
     sensors: Mapping[str, SensorReading] = MappingProxyType({})
@@ -69,14 +69,14 @@ class NewestMeasurements:
     """Keeps the newest message of each sensor of one run."""
 
     def __init__(self, scene: Scene) -> None:
-        """Hear the sensors of `scene`."""
+        """Listen to the sensors of `scene`."""
         self._scene, self._newest = scene, dict[str, Measurement]()
 
     def open(self, run: RunInfo) -> None:
         """Begin."""
 
     def write(self, event: Event) -> None:
-        """Keep what a sensor says."""
+        """Keep a message of a sensor."""
         if isinstance(event, Measurement):
             self._newest[event.topic] = event
 
@@ -85,7 +85,7 @@ class NewestMeasurements:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Sensors that have not spoken, except those that may have nothing to say."""
+        """Sensors without a message so far, except those that may have nothing to report."""
         names = (sensor.name for sensor in self._scene.sensors if not sensor.may_be_silent)
         return tuple(name for name in names if name not in self._newest)
 

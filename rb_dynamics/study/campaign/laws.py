@@ -68,7 +68,7 @@ class LawInput:
         random: RandomStreams,
         onboard: OnboardValues,
     ) -> None:
-        """Give a law these; None is what no sensor measures."""
+        """Make the input of a law; None for what no sensor measures."""
         self.time_s, self.random = time_s, random
         self.sensors, self.wheel_speeds = onboard.sensors, onboard.wheel_speeds
         self.magnetic_field_world = onboard.magnetic_field_world

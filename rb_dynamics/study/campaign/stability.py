@@ -85,11 +85,11 @@ def remarks(campaign: Campaign) -> list[str]:
 
 
 class _EnoughError(Exception):
-    """A trial flight has told what it can."""
+    """A trial flight has shown enough."""
 
 
 def _tried(campaign: Campaign, control: Control) -> list[str]:
-    """Return what run 0 and the same with half the period and delay say of the period."""
+    """Return what run 0, and run 0 with half the period and delay, say about the period."""
     period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, values_of(campaign, 0)) / NANOSECONDS
     rates = _rates(_faster(campaign, control, delay_s, 1), control.period_ns)
     away = _runs_away(rates, control.period_ns)

@@ -225,7 +225,7 @@ def _metric(
     count = len(values)
     flown = column[[not error for error in rows["error"]]]
     reduction = next(each.reduction for each in campaign.metrics if each.name == name)
-    # A time to what never came is longer than any.
+    # The time to an event that never happened counts as longer than any.
     never = int(np.count_nonzero(np.isnan(flown))) if reduction == "time_to" else 0
     ordered = np.sort(np.concatenate([flown[~np.isnan(flown)], np.full(never, math.inf)]))
     quantiles = tuple(quantile_interval(ordered, probability) for probability in PROBABILITIES if len(ordered))
@@ -261,7 +261,7 @@ def _worst(campaign: Campaign, name: str, rows: Columns) -> Worst | None:
     reduction = next(each.reduction for each in campaign.metrics if each.name == name)
     required = [each for each in campaign.requirements if each.metric == name]
     lacks = ~is_number & np.array([not error for error in rows["error"]], dtype=np.bool_)
-    # A time to what never came is longer than any.
+    # The time to an event that never happened counts as longer than any.
     if (required or reduction == "time_to") and lacks.any():
         return Worst(int(rows["run"][lacks][0]), None, "without a value")
     if not is_number.any():

@@ -81,7 +81,7 @@ def called_for_numbers(what: str, function: Callable[..., Any], *arguments: obje
     import numpy as np
 
     values = called(what, lambda: np.asarray(function(*arguments)))
-    # Converted, a complex number would lose a part without a word, and a text would pass as a number.
+    # Converted, a complex number would silently lose a part, and a text would pass as a number.
     if values.dtype.kind not in "biufO":
         raise FunctionError(f"{what} returned values of type {values.dtype}, expected real numbers")
     return called(what, lambda: values.astype(np.float64))

@@ -36,7 +36,7 @@ _SHORT, _SHARE = 0.005, 0.25
 
 # Resolution of a clock, s; avoids division by 0.
 _TICK = 1e-9
-# Fewer outputs than these do not tell what one costs.
+# With fewer outputs than these the cost of one is not known.
 _LEAST_OUTPUTS = 16.0
 
 SHORTEST = 1e-6
@@ -141,7 +141,7 @@ class Excerpt:
         """Run with outputs until `until_ns`, or about `limit` s; return the time reached (ns) and the run time (s)."""
         clear_caches()
         run = self._new(solver, output_rate)
-        # A moment without outputs, in which the machine stood still, tells nothing of what outputs cost.
+        # A moment without outputs, in which the machine stood still, says nothing about the cost of outputs.
         least_ns = round(_LEAST_OUTPUTS / output_rate * NANOSECONDS) if output_rate > 0.0 else 0
         begin = self.clock()
         with counted_by(tally), _plugin_failures_as_refusals(solver.method):

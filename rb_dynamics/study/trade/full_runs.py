@@ -46,7 +46,7 @@ class FullRuns:
             try:
                 self._whole = replace(whole, pilot=finest.as_solver).look(whole.as_the_whole(), limit)
             except ConvergenceError:
-                # Refused, not out of time: the excerpt does not tell what follows.
+                # Refused, not out of time: the excerpt does not show what follows.
                 self._foretold = self._foretold and trial.clock() >= begin + _FINEST * seconds
             else:
                 self.checked_by = finest
@@ -55,7 +55,7 @@ class FullRuns:
     def judge(self, row: TradeRow) -> Verdict:
         """Return the error of `row` over the whole scene: measured if there is time, else extrapolated.
 
-        Once a run to the end was refused or worse than extrapolated, the excerpt does not tell what follows it: then
+        Once a run to the end was refused or worse than extrapolated, the excerpt does not show what follows it: then
         an extrapolated error is infinite.
         """
         extrapolated = grown(row.error, self._longer)

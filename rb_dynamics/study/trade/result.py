@@ -319,7 +319,7 @@ def recommend(
 ) -> Recommendation | None:
     """Return the fastest row that meets `target`, or the most accurate that meets `budget`; None if there is none.
 
-    `judge` tells the error over the whole scene; if it only extrapolates from the first `trial_s`, the reason says so.
+    `judge` gives the error over the whole scene; if it only extrapolates from the first `trial_s`, the reason says so.
     A row that is `HOPELESS` meets no budget. If "auto" made the same run as a named method, the named one is
     recommended.
     """
