@@ -5,17 +5,21 @@ If the log does not determine an impulse or a work, the balance is unknown.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.impulse import Impulse, impulses, wander
+from rb_dynamics.analysis.impulse import impulse_blocks, wander
 from rb_dynamics.analysis.noise import Noise, judge
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, sizes_of
 from rb_dynamics.logs.messages import SET_STATE
 
-_BLOCK = 1 << 16
+Blocks: TypeAlias = Callable[[], Iterator[Array]]
+"""Gives rows in blocks, each time anew: of a long log they take as much memory as the log."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Balance:
         name: the quantity.
         unit: of the values.
         time_ns: of the samples.
-        defect: one row per sample; NaN if unknown. Zero at the start of each known stretch.
+        blocks: gives `defect` in blocks.
         covered: fraction of the time for which it is known.
         scale: largest energy or momentum.
         basis: what the defect is relative to, as text.
@@ -36,23 +40,27 @@ class Balance:
     name: str
     unit: str
     time_ns: Times
-    defect: Array
+    blocks: Blocks
     covered: float
     scale: float
     basis: str
     noise: Noise | None = None
 
     @property
+    def defect(self) -> Array:
+        """One row per sample; NaN if unknown. Zero at the start of each known stretch."""
+        return np.concatenate([*self.blocks()])
+
+    @property
     def worst(self) -> float:
         """The largest defect, 0 if none is known."""
-        sizes = self._sizes()
-        return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 0.0
+        return self._worst[0]
 
     @property
     def worst_ns(self) -> int:
         """Time of the largest defect."""
-        sizes = self._sizes()
-        return int(self.time_ns[np.nanargmax(sizes)]) if np.isfinite(sizes).any() else 0
+        _, row = self._worst
+        return int(self.time_ns[row]) if row is not None else 0
 
     @property
     def relative(self) -> float:
@@ -61,19 +69,29 @@ class Balance:
 
     def onset_ns(self, bound: float) -> int | None:
         """First time at which the defect exceeds `bound` times `scale`; None if it never does."""
-        beyond = self._sizes() > bound * self.scale
-        return int(self.time_ns[beyond.argmax()]) if beyond.any() else None
+        first = 0
+        for sizes in self._sizes() if self.worst > bound * self.scale else ():
+            beyond = sizes > bound * self.scale
+            if beyond.any():
+                return int(self.time_ns[first + int(beyond.argmax())])
+            first += len(sizes)
+        return None
 
-    def _sizes(self) -> Array:
-        if self.defect.ndim == 1:
-            return np.abs(self.defect)
-        return sizes_of(self.defect)
+    @cached_property
+    def _worst(self) -> tuple[float, int | None]:
+        """The largest defect, and its row; 0 and None if none is known."""
+        largest, row, first = 0.0, None, 0
+        for sizes in self._sizes():
+            if np.isfinite(sizes).any():
+                at = int(np.nanargmax(sizes))
+                if row is None or sizes[at] > largest:
+                    largest, row = float(sizes[at]), first + at
+            first += len(sizes)
+        return largest, row
 
-
-def sizes_of(rows: Array) -> Array:
-    """Return the length of each row; in blocks, for the squares of a long log take as much memory as the log."""
-    blocks = [np.linalg.norm(rows[k : k + _BLOCK], axis=1) for k in range(0, len(rows), _BLOCK)]
-    return np.concatenate(blocks) if blocks else np.empty(0)
+    def _sizes(self) -> Iterator[Array]:
+        for rows in self.blocks():
+            yield sizes_of(rows)
 
 
 def balances(track: Track, bound: float) -> list[Balance]:
@@ -93,58 +111,88 @@ def balances(track: Track, bound: float) -> list[Balance]:
 def _energy(track: Track) -> Balance | None:
     kinetic, logged, work = track.kinetic_energy, track.energy_defect, track.work
     if logged is not None and len(logged.time_ns):
-        sizes = [np.abs(series.values).max(initial=0.0) for series in (kinetic, work) if series is not None]
+        defects = logged.values
+        sizes = [_largest(series) for series in (kinetic, work) if series is not None]
         basis = "T − T₀ − W, with the work W of everything that acted as the run itself counted it"
-        return Balance("energy", "J", logged.time_ns, logged.values, 1.0, float(max(sizes, default=0.0)), basis)
+        return Balance(
+            "energy", "J", logged.time_ns, lambda: in_blocks(defects), 1.0, float(max(sizes, default=0.0)), basis
+        )
     if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None
-    idle = impulses(track, "force", kinetic.time_ns).idle & impulses(track, "torque", kinetic.time_ns).idle
-    defect, covered, noise = _from_start(kinetic.values[:, None], idle, kinetic.time_ns, track.own)
+    idle = np.ones(len(kinetic.time_ns), dtype=bool)
+    for kind in ("force", "torque"):
+        idle &= np.concatenate([part.idle for part in impulse_blocks(track, kind, kinetic.time_ns)])
+    energies = kinetic.values
+    blocks, covered, noise = _from_start(lambda: in_blocks(energies), idle, kinetic.time_ns, track.own)
     scale = float(kinetic.values.max(initial=0.0))
     basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
-    return Balance("energy", "J", kinetic.time_ns, defect[:, 0], covered, scale, basis, noise)
+    return Balance("energy", "J", kinetic.time_ns, blocks, covered, scale, basis, noise)
 
 
 def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries, accepted: float) -> Balance | None:
     if not len(series.time_ns) or not track.acted:
         return None
-    impulse = impulses(track, kind, series.time_ns)
-    largest = max(float(sizes_of(series.values).max()), _largest_sum(impulse.exact))
+    time_ns, count = series.time_ns, len(series.time_ns)
+    # What is zero throughout takes no memory.
+    error, idle = np.zeros(count), np.ones(count, dtype=bool)
+    largest, sums, first = _largest(series), np.zeros((1, 3)), 0
+    for part in impulse_blocks(track, kind, time_ns):
+        sums = np.cumsum(np.concatenate([sums[-1:], part.exact]), axis=0)
+        largest = max(largest, float(sizes_of(sums).max()))
+        rows = slice(first, first + len(part.error))
+        first = rows.stop
+        idle[rows] = part.idle
+        if part.error.any():
+            error[rows] = part.error
     scale = max(largest, _moved(track) if name == "linear momentum" else 0.0)
-    least_first = np.argsort(impulse.error, kind="stable")
-    good = np.zeros(len(least_first), dtype=bool)
-    good[least_first] = np.cumsum(impulse.error[least_first]) <= accepted * scale
-    moved = _moved_by_others(track, series.time_ns)
+    good = _smallest(error, accepted * scale)
+    moved = _moved_by_others(track, time_ns)
     good &= ~moved
-    by_quadrature = float(impulse.error[good].sum())
-    del least_first
-    # In place: a long log has millions of rows.
-    impulse.turning[~good] = 0.0
-    measured = _measured(impulse, good, kind, by_quadrature, unit)
-    steps = None if track.own else wander(track, impulse, series.time_ns)
-    total = np.add(impulse.exact, impulse.turning, out=impulse.exact)
-    del impulse
-    np.cumsum(total, axis=0, out=total)
-    np.subtract(series.values, total, out=total)
-    defect, covered, noise = _from_start(total, good, series.time_ns, track.own, steps)
+
+    def turning() -> Iterator[tuple[Array, Array]]:
+        """Yield the two parts of the impulse, of that by quadrature what is good enough."""
+        first = 0
+        for part in impulse_blocks(track, kind, time_ns):
+            part.turning[~good[first : first + len(part.error)]] = 0.0
+            first += len(part.error)
+            yield part.exact, part.turning
+
+    def left() -> Iterator[Array]:
+        sums, first = np.zeros((1, 3)), 0
+        for exact, turned in turning():
+            sums = np.cumsum(np.concatenate([sums[-1:], exact + turned]), axis=0)
+            yield series.values[first : first + len(exact)] - sums[1:]
+            first += len(exact)
+
+    by_quadrature = float(error[good].sum())
+    measured = _measured(bool(idle[good].all()), kind, by_quadrature, unit)
+    steps = None if track.own else wander(track, np.concatenate([turned for _, turned in turning()]), time_ns)
+    blocks, covered, noise = _from_start(left, good, time_ns, track.own, steps)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     if moved.any():
         rest += ", or the body was moved from outside (set_state)"
     basis = _basis(measured, covered, rest)
-    return Balance(name, unit, series.time_ns, defect, covered, scale, basis, noise)
+    return Balance(name, unit, time_ns, blocks, covered, scale, basis, noise)
 
 
-def _largest_sum(rows: Array) -> float:
-    """Return the largest size of the sum of the first rows, of however many; in blocks, as there are millions."""
-    largest, total = 0.0, np.zeros((1, 3))
-    for first in range(0, len(rows), _BLOCK):
-        sums = np.cumsum(np.concatenate([total, rows[first : first + _BLOCK]]), axis=0)
-        largest, total = max(largest, float(sizes_of(sums).max())), sums[-1:]
-    return largest
+def _largest(series: TimeSeries) -> float:
+    """Return the largest size of a row, 0 for none."""
+    return max((float(sizes_of(rows).max()) for rows in in_blocks(series.values)), default=0.0)
 
 
-def _measured(impulse: Impulse, good: NDArray[np.bool_], kind: str, by_quadrature: float, unit: str) -> str:
-    if bool(impulse.idle[good].all()):
+def _smallest(errors: Array, accepted: float) -> NDArray[np.bool_]:
+    """Return which of the errors, from the smallest on, have a sum of at most `accepted`."""
+    # Where all of them have, they need not be sorted; by another order of the sum it may differ by rounding.
+    if float(errors.sum()) <= (1.0 - 1e-6) * accepted or not errors.any():
+        return np.full(len(errors), accepted >= 0.0)
+    least_first = np.argsort(errors, kind="stable")
+    good = np.zeros(len(errors), dtype=bool)
+    good[least_first] = np.cumsum(errors[least_first]) <= accepted
+    return good
+
+
+def _measured(idle: bool, kind: str, by_quadrature: float, unit: str) -> str:
+    if idle:
         return f"drift while no {kind} acts"
     text = f"against the impulse of the applied {kind}s"
     if by_quadrature == 0.0:
@@ -183,23 +231,34 @@ def _basis(what: str, covered: float, rest: str) -> str:
 
 
 def _from_start(
-    values: Array, good: NDArray[np.bool_], time_ns: Times, own: bool, steps: Array | None = None
-) -> tuple[Array, float, Noise | None]:
+    values: Blocks, good: NDArray[np.bool_], time_ns: Times, own: bool, steps: Array | None = None
+) -> tuple[Blocks, float, Noise | None]:
     """Return `values` relative to the start of their stretch of valid intervals, and the fraction of the time covered.
 
     The last result is their noise, and whether they change by more; None for a log of this package.
     """
-    count = len(values)
     good = good.copy()
     good[0] = False
-    starts = np.maximum.accumulate(np.where(good, 0, np.arange(count)))
     known = good | np.append(good[1:], False)
-    defect = values[starts]
-    np.subtract(values, defect, out=defect)
-    defect[~known] = np.nan
-    lengths = np.diff(time_ns, prepend=time_ns[:1])
-    total = int(lengths.sum())
-    covered = float(lengths[good].sum() / total) if total else 0.0
+
+    def blocks() -> Iterator[Array]:
+        first, start = 0, None
+        for rows in values():
+            here = slice(first, first + len(rows))
+            first = here.stop
+            bases = rows if start is None else np.concatenate([start, rows])
+            before = len(bases) - len(rows)
+            at = np.maximum.accumulate(np.where(good[here], 0, np.arange(before, len(bases))))
+            start = bases[at[-1:]]
+            defect = rows - bases[at]
+            defect[~known[here]] = np.nan
+            yield defect
+
+    total = int(time_ns[-1] - time_ns[0])
+    covered = float(int(np.diff(time_ns)[good[1:]].sum()) / total) if total else 0.0
     if own:
-        return defect, covered, None
-    return defect, covered, judge(values[known], starts[known], None if steps is None else steps[known])
+        return blocks, covered, None
+    starts = np.maximum.accumulate(np.where(good, 0, np.arange(len(good))))[known]
+    defect = np.concatenate([*blocks()])[known]
+    rows = defect if defect.ndim == 2 else defect[:, None]
+    return blocks, covered, judge(rows, starts, None if steps is None else steps[known])

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement
-from rb_dynamics.analysis.balance import Balance, sizes_of
+from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
-from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names
+from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.mcap_channel import is_latched
 from rb_dynamics.formats.topic import Topic
 from rb_dynamics.logs.own_log import logged_scene
@@ -245,7 +245,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
 
 def off_unit(orientation: Array) -> float:
     """Return the largest |norm - 1| of quaternions, 0 for none."""
-    return float(np.abs(sizes_of(orientation) - 1.0).max(initial=0.0))
+    return max((float(np.abs(sizes_of(rows) - 1.0).max()) for rows in in_blocks(orientation)), default=0.0)
 
 
 def _unit(orientation: Array, bound: float) -> Check:

@@ -8,7 +8,9 @@ impulse.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -53,22 +55,24 @@ class _Attitude:
 
 def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
     """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
+    blocks = [*impulse_blocks(track, kind, time_ns)]
+    return Impulse(*(np.concatenate([getattr(part, name) for part in blocks]) for name in Impulse.__annotations__))
+
+
+def impulse_blocks(track: Track, kind: str, time_ns: Times) -> Iterator[Impulse]:
+    """Yield the same in blocks of samples: of a long log it needs more memory than the log."""
     acting, count = track.acting, len(time_ns)
-    # In blocks: intermediate results need many times the memory of the result.
     blocks = [slice(first, first + _BLOCK + 1) for first in range(0, max(count - 1, 1), _BLOCK)]
-    known = all(_rows(track, time_ns[block]) for block in blocks)
-    whole = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
+    known = all(_rows(track, time_ns[block]) for block in blocks) if _turns(acting, kind) else False
     for block in blocks:
-        jolts = _jolts(acting, track.body, time_ns[block])
-        part = _between(acting, kind, time_ns[block], _attitude(track, time_ns[block]) if known else None, jolts)
+        part = _between(acting, kind, _Samples(track, acting, time_ns[block], known))
         # The first row of a block belongs to no interval.
-        for name in Impulse.__annotations__:
-            getattr(whole, name)[block][1:] = getattr(part, name)[1:]
-    return whole
+        new = slice(1 if block.start else 0, None)
+        yield Impulse(part.exact[new], part.turning[new], part.error[new], part.idle[new])
 
 
-def wander(track: Track, impulse: Impulse, time_ns: Times) -> Array:
-    """Return the variance that the noise of the attitude gives to `turning` in each interval, (n,).
+def wander(track: Track, turning: Array, time_ns: Times) -> Array:
+    """Return the variance that the noise of the attitude gives to `turning`, see `Impulse`, in each interval, (n,).
 
     Each error turns the impulse of about one interval, and stays in the sum of all.
     """
@@ -76,16 +80,41 @@ def wander(track: Track, impulse: Impulse, time_ns: Times) -> Array:
         return np.zeros(len(time_ns))
     turned = np.cumsum(rotation_vectors(unit_rows(track.pose.values[rows[0], 3:])), axis=0)
     angle = typical(turned, np.zeros(len(turned), dtype=np.int_))
-    result: Array = angle**2 * np.sum(impulse.turning**2, axis=1)
+    result: Array = angle**2 * np.sum(turning**2, axis=1)
     return result
 
 
-def _between(
-    acting: tuple[RecordedWrench, ...], kind: str, time_ns: Times, attitude: _Attitude | None, jolts: Array
-) -> Impulse:
+@dataclass(frozen=True)
+class _Samples:
+    """The samples of one block; what only wrenches that turn with the body need is computed when it is asked for."""
+
+    track: Track
+    acting: tuple[RecordedWrench, ...]
+    time_ns: Times
+    known: bool
+
+    @cached_property
+    def attitude(self) -> _Attitude | None:
+        return _attitude(self.track, self.time_ns) if self.known else None
+
+    @cached_property
+    def jolts(self) -> Array:
+        return _jolts(self.acting, self.track.body, self.time_ns)
+
+
+def _turns(acting: tuple[RecordedWrench, ...], kind: str) -> bool:
+    """Return whether any wrench may act that is not held in world axes."""
+    return any(bool((_vectors(each, kind)[~each.world] != 0.0).any() or not each.known.all()) for each in acting)
+
+
+def _vectors(steps: RecordedWrench, kind: str) -> Array:
+    return steps.force if kind == "force" else steps.torque
+
+
+def _between(acting: tuple[RecordedWrench, ...], kind: str, samples: _Samples) -> Impulse:
     """Return the impulse between the samples of one block."""
-    count = len(time_ns)
-    parts = [_of_channel(steps, kind, time_ns, attitude, jolts) for steps in acting]
+    count = len(samples.time_ns)
+    parts = [_of_channel(steps, kind, samples) for steps in acting]
     nothing = Impulse(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.ones(count, dtype=bool))
     return Impulse(
         exact=nothing.exact + sum(part.exact for part in parts),
@@ -136,37 +165,29 @@ def _jolts(acting: tuple[RecordedWrench, ...], body: RigidBody | None, time_ns: 
     return result
 
 
-def _of_channel(steps: RecordedWrench, kind: str, time_ns: Times, attitude: _Attitude | None, jolts: Array) -> Impulse:
-    vectors = steps.force if kind == "force" else steps.torque
+def _of_channel(steps: RecordedWrench, kind: str, samples: _Samples) -> Impulse:
+    vectors, time_ns = _vectors(steps, kind), samples.time_ns
     active = (vectors != 0.0).any(axis=1) | ~steps.known
     world = steps.world & steps.known
     flags = np.column_stack([active & ~world, active]).astype(np.int64)
     # Whether a wrench acts is counted in whole nanoseconds, so that rounding cannot make a free stretch look driven.
     turns, acts = np.diff(integral(steps.time_ns, flags, time_ns), axis=0, prepend=0).T != 0
-    # What is held in world axes adds nothing here, also where it comes within an interval.
-    turning, error = _turning(steps, np.where(world[:, None], 0.0, vectors), time_ns, attitude, turns, jolts)
+    turning, error = np.zeros((len(time_ns), 3)), np.zeros(len(time_ns))
+    if turns.any():
+        # What is held in world axes adds nothing here, also where it comes within an interval.
+        by_quadrature = _turning(steps, np.where(world[:, None], 0.0, vectors), samples, turns)
+        turning[turns], error[turns] = (each[turns] for each in by_quadrature)
     exact = integral(steps.time_ns, np.where(world[:, None], vectors, 0.0), time_ns) * 1e-9
-    return Impulse(
-        exact=np.diff(exact, axis=0, prepend=0.0),
-        turning=np.where(turns[:, None], turning, 0.0),
-        error=np.where(turns, error, 0.0),
-        idle=~acts,
-    )
+    return Impulse(np.diff(exact, axis=0, prepend=0.0), turning, error, ~acts)
 
 
-def _turning(
-    steps: RecordedWrench,
-    vectors: Array,
-    time_ns: Times,
-    attitude: _Attitude | None,
-    turns: NDArray[np.bool_],
-    jolts: Array,
-) -> tuple[Array, Array]:
+def _turning(steps: RecordedWrench, vectors: Array, samples: _Samples, turns: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return the integral of R b over each interval in which b is constant, and an estimate of its error.
 
     With f = R b and f' = R (w x b) at both ends: h/2 (f0 + f1) + h^2/12 (f0' - f1'), whose error is h^5/720 f''''
     (Stoer & Bulirsch, Introduction to Numerical Analysis, section 3.3: the first correction of the trapezoidal sum).
     """
+    time_ns, attitude, jolts = samples.time_ns, samples.attitude, samples.jolts
     count = len(time_ns)
     turning, error = np.zeros((count, 3)), np.full(count, np.inf)
     if attitude is None or not len(steps.time_ns) or count < 2:

@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.order import disorder
 from rb_dynamics.analysis.rates import rates_of
-from rb_dynamics.analysis.track import LARGEST, Array, RecordedWrench, Times, TimeSeries, Track, frame_names, motion_of
+from rb_dynamics.analysis.track import (
+    LARGEST,
+    Array,
+    RecordedWrench,
+    Times,
+    TimeSeries,
+    Track,
+    frame_names,
+    in_blocks,
+    motion_of,
+)
 from rb_dynamics.analysis.transform_tree import is_fixed, pairs, pose_between
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
@@ -361,7 +371,7 @@ class _TrackReader:
         if topic in self.bag.topics and (damaged := len(self.bag.topics[topic].damaged)):
             self.notes.append(f"{topic}: {damaged} messages are cut short or damaged, and left out.")
         rows = values.reshape(len(time_ns), -1)
-        usable = (np.abs(rows) < LARGEST).all(axis=1)
+        usable = np.concatenate([(np.abs(block) < LARGEST).all(axis=1) for block in in_blocks(rows)])
         # A bag may be large: what need not be copied is not.
         if not usable.all():
             time_ns, values = time_ns[usable], values[usable]

@@ -164,7 +164,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass)))
     pushed, turned = (np.cumsum(_impulse(each), axis=0) for each in (push, turn))
     of_force = body.mass * speed - pushed
-    push_steps, turn_steps = (wander(track, each, time_ns) for each in (push, turn))
+    push_steps, turn_steps = (wander(track, each.turning, time_ns) for each in (push, turn))
     mass, mass_error = _of_mass(speed, pushed, stretch, push_steps)
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
     fit = _of_inertia(body, basis, turned, stretch, turn_steps)

@@ -15,12 +15,20 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rb_dynamics.analysis.balance import sizes_of
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.read_track import momenta
-from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.track import (
+    Array,
+    RecordedWrench,
+    Times,
+    TimeSeries,
+    Track,
+    in_blocks,
+    shared,
+    sizes_of,
+    unit_rows,
+)
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
@@ -45,7 +53,6 @@ _FASTEST = 1e8
 _BLOCK = 10_000
 
 # When a command came (ns), and what it does; None if it was rejected.
-_Rows: TypeAlias = "slice | NDArray[np.intp]"
 _Taken: TypeAlias = "tuple[int, HeldWrench | None]"
 
 
@@ -78,14 +85,25 @@ def _seconds(track: Track, time_ns: int) -> str:
     return f"t = {(time_ns - track.zero_ns) * 1e-9:.6g} s"
 
 
-def _first(track: Track, name: str, time_ns: Times, errors: Array, accepted: float, unit: str, what: str) -> Check:
-    """Return the check that no error (0 to infinity) exceeds `accepted`."""
-    worst = float(errors.max(initial=0.0))
-    if worst <= accepted:
-        return Check(name, True, f"{what} differ by at most {worst:.3g} {unit}, rounding explains {accepted:.3g}")
-    first = int(time_ns[int((errors > accepted).argmax())])
-    detail = f"{what} differ by {worst:.3g} {unit}, first at {_seconds(track, first)}; rounding explains {accepted:.3g}"
-    return Check(name, False, detail)
+@dataclass
+class _Errors:
+    """The largest of errors (0 to infinity), and the time (ns) of the first that exceeds what is `accepted`."""
+
+    accepted: float
+    worst: float = 0.0
+    first_ns: int | None = None
+
+    def add(self, time_ns: Times, errors: Array) -> None:
+        self.worst = max(self.worst, float(errors.max(initial=0.0)))
+        if self.first_ns is None and (beyond := errors > self.accepted).any():
+            self.first_ns = int(time_ns[int(beyond.argmax())])
+
+    def check(self, track: Track, name: str, unit: str, what: str) -> Check:
+        explains = f"rounding explains {self.accepted:.3g}"
+        if self.first_ns is None:
+            return Check(name, True, f"{what} differ by at most {self.worst:.3g} {unit}, {explains}")
+        first = f"{what} differ by {self.worst:.3g} {unit}, first at {_seconds(track, self.first_ns)}"
+        return Check(name, False, f"{first}; {explains}")
 
 
 def _energy(track: Track) -> Check | None:
@@ -94,10 +112,12 @@ def _energy(track: Track) -> Check | None:
     kinetic, work, defect = parts
     if kinetic is None or work is None or defect is None or not _same_times(parts) or not len(work.time_ns):
         return None
-    constant = kinetic.values - work.values - defect.values
-    accepted = _SUM * sum(float(np.abs(each.values).max()) for each in (kinetic, work, defect))
-    errors = np.abs(constant - constant[0])
-    return _first(track, "energy/defect is T - T₀ - W", kinetic.time_ns, errors, accepted, "J", "the topics of energy")
+    columns = [each.values for each in (kinetic, work, defect)]
+    first = columns[0][0] - columns[1][0] - columns[2][0]
+    errors = _Errors(_SUM * sum(max(float(np.abs(rows).max()) for rows in in_blocks(each)) for each in columns))
+    for times, *rows in zip(in_blocks(kinetic.time_ns), *map(in_blocks, columns), strict=True):
+        errors.add(times, np.abs(rows[0] - rows[1] - rows[2] - first))
+    return errors.check(track, "energy/defect is T - T₀ - W", "J", "the topics of energy")
 
 
 def _same_times(series: Sequence[TimeSeries | None]) -> bool:
@@ -112,7 +132,7 @@ def _odometry(track: Track) -> Check | None:
         return None
     name, wrong = f"{odom.name} repeats pose and twist", None
     for place, other in enumerate((pose, twist)):
-        times, here, there = _shared(odom.stamps, other.stamps)
+        times, here, there = shared(odom.stamps, other.stamps)
         differing = odom.fingerprints[here, place] != other.fingerprints[there, 0]
         whole = len(times) == other.count == odom.count or not track.bag.complete
         if not whole:
@@ -124,22 +144,17 @@ def _odometry(track: Track) -> Check | None:
     return Check(name, wrong is None, wrong or f"{odom.count} messages, to the last bit")
 
 
-def _shared(one: Times, other: Times) -> tuple[Times, _Rows, _Rows]:
-    """Return the times of both, and their rows in each."""
-    # Mostly they are the same times: to sort those of a long log takes as much memory as the log.
-    if np.array_equal(one, other) and (np.diff(one) > 0).all():
-        return one, slice(None), slice(None)
-    return np.intersect1d(one, other, return_indices=True)
-
-
 def _momenta(track: Track, scene: Scene | None) -> Check | None:
     """L = R I w, p = m v and T follow from pose, twist and mass properties, without parts that move inside."""
     body, pose, twist = track.body, track.pose, track.twist
     angular, linear, kinetic = track.angular_momentum, track.linear_momentum, track.kinetic_energy
     if body is None or pose is None or twist is None or track.momenta_from != "the log":
         return None
-    rate = float(sizes_of(twist.values[:, 3:]).max(initial=0.0))
-    speed = float(sizes_of(twist.values[:, :3]).max(initial=0.0)) + rate * float(np.linalg.norm(body.center_of_mass))
+    largest = [
+        max((float(sizes_of(rows[:, part]).max()) for rows in in_blocks(twist.values)), default=0.0)
+        for part in (slice(0, 3), slice(3, 6))
+    ]
+    rate, speed = largest[1], largest[0] + largest[1] * float(np.linalg.norm(body.center_of_mass))
     spin = float(np.abs(np.array(body.inertia)).max()) * rate
     parts = [("p", "kg m/s", linear, "linear", body.mass * speed)]
     effects = track.bag.metadata.get(RUN, {}).get("effects", "")
@@ -149,37 +164,33 @@ def _momenta(track: Track, scene: Scene | None) -> Check | None:
             ("T", "J", kinetic, "kinetic", body.mass * speed**2 + spin * rate),
         ]
     parts = [part for part in parts if part[2] is not None and np.isfinite(part[4])]
-    errors = _momenta_errors(track, pose, twist, body, {kind: logged for _, _, logged, kind, _ in parts if logged})
+    logged = {kind: (series, _Errors(_PRODUCT * scale)) for _, _, series, kind, scale in parts if series is not None}
+    _add_errors(track, pose, twist, body, logged)
     name, worst = "momenta fit pose, twist and inertia", 0.0
     for symbol, unit, _, kind, scale in parts:
-        times, off = errors[kind]
-        check = _first(track, name, times, off, _PRODUCT * scale, unit, f"{symbol} and what it follows from")
-        if not check.passed:
-            return check
-        worst = max(worst, float(off.max(initial=0.0)) / scale if scale > 0.0 else 0.0)
+        errors = logged[kind][1]
+        if errors.first_ns is not None:
+            return errors.check(track, name, unit, f"{symbol} and what it follows from")
+        worst = max(worst, errors.worst / scale if scale > 0.0 else 0.0)
     symbols = ", ".join(symbol for symbol, *_ in parts)
     return Check(name, True, f"{symbols}: to {worst:.3g}, rounding explains {_PRODUCT:g}")
 
 
-def _momenta_errors(
-    track: Track, pose: TimeSeries, twist: TimeSeries, body: RigidBody, logged: Mapping[str, TimeSeries]
-) -> dict[str, tuple[Times, Array]]:
-    """Return when and by how much momenta and energy, by their names in `Momenta`, differ from those that follow.
+def _add_errors(
+    track: Track, pose: TimeSeries, twist: TimeSeries, body: RigidBody, logged: Mapping[str, tuple[TimeSeries, _Errors]]
+) -> None:
+    """Add by how much momenta and energy, by their names in `Momenta`, differ from those that follow.
 
     In blocks, for what is computed of a long log takes more memory than the log.
     """
-    found = {kind: np.zeros(len(series.time_ns)) for kind, series in logged.items()}
     bounds = [*pose.time_ns[::_BLOCK].tolist(), np.iinfo(np.int64).max]
     for begin, end in itertools.pairwise(bounds):
         one, other = (_within(series, begin, end) for series in (pose, twist))
         computed = momenta(one, other, track.twist_in_world, body)
-        for kind, series in logged.items():
+        for kind, (series, errors) in logged.items():
             part = _within(series, begin, end)
-            _, here, there = np.intersect1d(part.time_ns, computed.time_ns, return_indices=True)
-            rest = part.values[here] - getattr(computed, kind)[there]
-            first = int(np.searchsorted(series.time_ns, begin))
-            found[kind][first + here] = sizes_of(rest) if rest.ndim == 2 else np.abs(rest)
-    return {kind: (logged[kind].time_ns, errors) for kind, errors in found.items()}
+            times, here, there = shared(part.time_ns, computed.time_ns)
+            errors.add(times, sizes_of(part.values[here] - getattr(computed, kind)[there]))
 
 
 def _within(series: TimeSeries, begin_ns: int, end_ns: int) -> TimeSeries:

@@ -15,7 +15,7 @@ from decimal import Decimal
 import numpy as np
 
 from rb_dynamics.analysis.agreement import Agreement, agreements
-from rb_dynamics.analysis.balance import Balance, balances, sizes_of
+from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
@@ -26,7 +26,7 @@ from rb_dynamics.analysis.onboard import Onboard, onboard
 from rb_dynamics.analysis.read_track import mean_rate
 from rb_dynamics.analysis.residual import Residual, residual
 from rb_dynamics.analysis.self_consistency import self_consistency
-from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track
+from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track, sizes_of
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, VECTOR
@@ -268,8 +268,8 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
 
 def _unknown(balance: Balance, reason: str) -> Balance:
     """Return an unknown balance with this reason."""
-    defect = np.full_like(balance.defect, np.nan)
-    return replace(balance, defect=defect, covered=0.0, basis=f"not known: {reason}", noise=None)
+    unknown = [np.full_like(rows, np.nan) for rows in balance.blocks()]
+    return replace(balance, blocks=lambda: iter(unknown), covered=0.0, basis=f"not known: {reason}", noise=None)
 
 
 def _not_judged(track: Track, reason: str) -> list[Check]:
@@ -397,9 +397,9 @@ def _ranges(track: Track) -> list[Range]:
 
 def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
     values = series.values if series.values.ndim == 1 else sizes_of(series.values)
-    seconds = track.seconds(series.time_ns)
-    low, high = int(values.argmin()), int(values.argmax())
-    return Range(name, unit, float(values[low]), float(seconds[low]), float(values[high]), float(seconds[high]))
+    ends = [int(values.argmin()), int(values.argmax())]
+    (low_at, high_at), (low, high) = track.seconds(series.time_ns[ends]).tolist(), values[ends].tolist()
+    return Range(name, unit, low, low_at, high, high_at)
 
 
 def _epoch(bag: Bag) -> list[str]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,13 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
+Rows: TypeAlias = "slice | NDArray[np.intp]"
 
 # Larger numbers are not plausible in a motion, and their squares would overflow.
 LARGEST = 1e100
+
+_BLOCK = 1 << 16
+_Items = TypeVar("_Items", Array, Times)
 
 
 @dataclass(frozen=True)
@@ -212,6 +216,18 @@ class Motion:
     angular_velocity_body: Array
 
 
+def in_blocks(rows: _Items) -> Iterator[_Items]:
+    """Yield rows in blocks: what is computed of all rows of a long log takes as much memory as the log."""
+    for first in range(0, len(rows), _BLOCK):
+        yield rows[first : first + _BLOCK]
+
+
+def sizes_of(rows: Array) -> Array:
+    """Return the length of each row, or the magnitude of each number."""
+    blocks = [np.abs(block) if block.ndim == 1 else np.linalg.norm(block, axis=1) for block in in_blocks(rows)]
+    return np.concatenate(blocks) if blocks else np.empty(0)
+
+
 def frame_names(frames: Sequence[str]) -> str:
     """Return names of frames as text, the empty one in quotes."""
     return ", ".join(frame or '""' for frame in frames)
@@ -219,12 +235,20 @@ def frame_names(frames: Sequence[str]) -> str:
 
 def motion_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Motion:
     """Return pose and twist at their common stamps; `twist_in_world` as in `Track`."""
-    time_ns, at_pose, at_twist = np.intersect1d(pose.time_ns, twist.time_ns, return_indices=True)
+    time_ns, at_pose, at_twist = shared(pose.time_ns, twist.time_ns)
     attitude = unit_rows(pose.values[at_pose, 3:])
     velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
     if twist_in_world:
         velocity, omega = rotate_all_inverse(attitude, velocity), rotate_all_inverse(attitude, omega)
     return Motion(time_ns, attitude, velocity, omega)
+
+
+def shared(one: Times, other: Times) -> tuple[Times, Rows, Rows]:
+    """Return the times of both, and their rows in each."""
+    # Mostly they are the same times: to sort those of a long log takes as much memory as the log.
+    if np.array_equal(one, other) and (one[1:] > one[:-1]).all():
+        return one, slice(None), slice(None)
+    return np.intersect1d(one, other, return_indices=True)
 
 
 def unit_rows(orientation_xyzw: Array) -> Array:

@@ -15,7 +15,7 @@ import os
 import stat
 import struct
 import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,8 +82,10 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-# What is put into blocks together, where messages come one by one.
+# What is put into blocks together, where messages come one by one or in small chunks.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
+# What is in the next chunks, in bytes, that are unpacked while those before are taken.
+_AHEAD_BYTES = 2**20
 
 Places: TypeAlias = NDArray[np.int64]
 _Read = TypeVar("_Read", "Message", "MessageBlock")
@@ -143,14 +145,17 @@ class MessageBlock(NamedTuple):
         return [Message(self.channel, at, at, self.data[begin:end].tobytes()) for at, begin, end in places]
 
     def rows(self) -> list[NDArray[np.uint8]]:
-        """Return the content of the messages: all in one array where they are of one length, else each in its own."""
+        """Return the content of the messages: all in one array where they are of one length, else each in its own.
+
+        They may be views of `data`.
+        """
         lengths = self.ends - self.begins
         count, length = len(lengths), int(lengths[0])
-        if (lengths == length).all():
+        if length and (lengths == length).all():
             apart = np.diff(self.begins)
             if count > 1 and (apart == apart[0]).all():
-                return [np.ndarray((count, length), np.uint8, self.data, self.begins[0], (apart[0], 1)).copy()]
-            return [self.data[self.begins[:, None] + np.arange(length)]]
+                return [np.ndarray((count, length), np.uint8, self.data, self.begins[0], (apart[0], 1))]
+            return [_at(self.data, self.begins, length)]
         return [self.data[None, begin:end] for begin, end in zip(self.begins, self.ends, strict=True)]
 
 
@@ -221,6 +226,8 @@ class McapFile:
     _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
     _before: tuple[Places, Places] = (np.empty(0, np.int64), np.empty(0, np.int64))
+    _held: list[tuple[bytes, Places, Places]] = field(default_factory=list)
+    _held_bytes: int = 0
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; ends quietly where the file was cut off.
@@ -261,8 +268,17 @@ class McapFile:
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
         self._note_summary(file, size)
+        self._held, self._held_bytes = [], 0
+        try:
+            yield from self._taken(file, size, take, at_once)
+        except (LogError, UnicodeDecodeError):
+            # What stands before a damage is not damaged.
+            yield from self._held_messages(take)
+            raise
+
+    def _taken(self, file: BinaryIO, size: int, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
         loose: list[bytes] = []
-        for opcode, content in self._records(file, size):
+        for opcode, content, unpacked in self._ahead(self._records(file, size)):
             if opcode == Opcode.MESSAGE:
                 loose.append(content)
                 if len(loose) < at_once:
@@ -272,16 +288,44 @@ class McapFile:
                 loose = []
             if opcode == _CUT_CHUNK:
                 yield from self._cut_chunk(content, take)
-            elif opcode == Opcode.CHUNK:
-                yield from self._chunk(content, take)
+            elif unpacked is not None:
+                yield from self._chunk(content, unpacked, take)
             elif opcode == Opcode.FOOTER:
+                yield from self._held_messages(take)
                 self.complete = file.read(len(MAGIC)) == MAGIC
                 self._hold_statistics()
                 return
             elif opcode != Opcode.MESSAGE:
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    yield from self._held_messages(take)
                 self._note_loose(opcode, content)
         if loose:
             yield from self._loose_messages(loose, take)
+        yield from self._held_messages(take)
+
+    def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes, _Unpacked | None]]:
+        """Yield records, those of chunks with what gives their content, which other threads unpack meanwhile.
+
+        What is wrong with a record is said in its turn; to salvage, each is looked at when all before it are done with.
+        """
+        from concurrent.futures import ThreadPoolExecutor
+
+        waiting: deque[tuple[int, bytes, _Unpacked | None]] = deque()
+        size, fault = 0, None
+        with ThreadPoolExecutor(1) as threads:
+            try:
+                for opcode, content in records:
+                    unpacked = threads.submit(self._decompressed, content).result if opcode == Opcode.CHUNK else None
+                    waiting.append((opcode, content, unpacked))
+                    size += _size(opcode, content)
+                    while waiting and (size > _AHEAD_BYTES or self.salvage):
+                        size -= _size(*waiting[0][:2])
+                        yield waiting.popleft()
+            except (LogError, OSError) as error:
+                fault = error
+            yield from waiting
+        if fault is not None:
+            raise fault
 
     def _note_summary(self, file: BinaryIO, size: int) -> None:
         """Keep what the summary repeats, to salvage: schemas, channels, and where chunks stand that may be damaged."""
@@ -318,14 +362,24 @@ class McapFile:
 
     def _loose_messages(self, contents: list[bytes], take: _Take[_Read]) -> Iterator[_Read]:
         ends = np.cumsum([len(content) for content in contents], dtype=np.int64)
-        yield from self._taken(b"".join(contents), np.append(0, ends)[:-1], ends, take)
+        self._hold(b"".join(contents), np.append(0, ends)[:-1], ends)
+        yield from self._held_messages(take)
 
-    def _taken(self, data: bytes, begins: Places, ends: Places, take: _Take[_Read]) -> Iterator[_Read]:
-        """Yield what `take` makes of the message records between `begins` and `ends`."""
-        if not len(ends):
+    def _hold(self, data: bytes, begins: Places, ends: Places) -> None:
+        """Keep the message records between `begins` and `ends` until `_held_messages` takes them."""
+        if len(ends):
+            self._held.append((data, begins + self._held_bytes, ends + self._held_bytes))
+            self._held_bytes += len(data)
+
+    def _held_messages(self, take: _Take[_Read]) -> Iterator[_Read]:
+        """Yield what `take` makes of what is held: of many small chunks, one by one, it would take long."""
+        if not self._held:
             return
-        yield from take(data, begins, ends)
-        self._counts["messages"] += len(ends)
+        parts, places, ends = zip(*self._held, strict=True)
+        self._held, self._held_bytes = [], 0
+        data, begins = b"".join(parts), np.concatenate(places)
+        yield from take(data, begins, np.concatenate(ends))
+        self._counts["messages"] += len(begins)
         first, last = (_MESSAGE_HEAD.unpack_from(data, at)[2] for at in (begins[0], begins[-1]))
         self.span_ns = first if self.span_ns is None else self.span_ns[0], last
 
@@ -339,9 +393,9 @@ class McapFile:
         """Yield blocks, in the order in which the channels come."""
         raw, contents = np.frombuffer(data, np.uint8), begins + _MESSAGE_HEAD.size
         if (contents <= ends).all():
-            heads = raw[begins[:, None] + np.arange(_MESSAGE_HEAD.size)].view(_MESSAGE_HEADS)[:, 0]
+            heads = _at(raw, begins, _MESSAGE_HEAD.size).view(_MESSAGE_HEADS)[:, 0]
             channels, log_times = heads["channel"].copy(), heads["log_time"].astype(np.int64)
-            numbers = list(dict.fromkeys(channels.tolist()))
+            numbers = channels[np.sort(np.unique(channels, return_index=True)[1])].tolist()
             in_time = max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME
             if in_time and self.channels.keys() >= set(numbers):
                 times = np.empty(0, np.int64)
@@ -398,12 +452,16 @@ class McapFile:
                 if length > MAX_RECORD_BYTES:
                     raise self._damage(f"has a record of {length} bytes at {start}, more than {MAX_RECORD_BYTES}")
                 yield opcode, file.read(length)
+                if opcode == Opcode.FOOTER:
+                    return
             else:
                 file.seek(length, os.SEEK_CUR)
 
-    def _chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
+    def _chunk(self, content: bytes, unpacked: _Unpacked, take: _Take[_Read]) -> Iterator[_Read]:
         try:
-            yield from self._chunk_messages(self._decompressed(content), take)
+            yield from self._chunk_messages(unpacked(), take)
+            if self.salvage or self._held_bytes >= _BLOCK_BYTES:
+                yield from self._held_messages(take)
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
                 raise
@@ -415,10 +473,13 @@ class McapFile:
 
     def _cut_chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield the messages before the end of the file; a checksum, which is of the whole chunk, proves nothing."""
+        yield from self._held_messages(take)
         # It ends within a record: that is not damage, the file is not complete.
         with contextlib.suppress(LogError, UnicodeDecodeError):
             compression, size, _, data = self._chunk_head(content, cut=True)
             yield from self._chunk_messages(self._unpacked(compression, data, size), take)
+        with contextlib.suppress(LogError, UnicodeDecodeError):
+            yield from self._held_messages(take)
 
     def _chunk_messages(self, data: bytes, take: _Take[_Read]) -> Iterator[_Read]:
         begins, ends = self._as_before(data)
@@ -435,9 +496,9 @@ class McapFile:
                 continue
             # What other records say holds for what comes behind them.
             self._records_left = left
-            if len(ends) or more:
-                yield from self._taken(data, *_places(begins, ends, more), take)
-                begins, ends, more = begins[:0], ends[:0], []
+            self._hold(data, *_places(begins, ends, more))
+            yield from self._held_messages(take)
+            begins, ends, more = begins[:0], ends[:0], []
             if opcode == 0 or end > size:
                 raise self._damage("has a chunk that ends within a record")
             if left < 0:
@@ -448,7 +509,7 @@ class McapFile:
             self._note(opcode, data[begin:end])
         self._records_left = left
         self._before = _places(begins, ends, more)
-        yield from self._taken(data, *self._before, take)
+        self._hold(data, *self._before)
 
     def _as_before(self, data: bytes) -> tuple[Places, Places]:
         """Return where the first messages of a chunk stand, as many as stand where those of the chunk before did.
@@ -460,7 +521,7 @@ class McapFile:
         begins, ends = begins[:within], ends[:within]
         if not within or begins[0] != _RECORD.size:
             return begins[:0], ends[:0]
-        heads = np.frombuffer(data, np.uint8)[begins[:, None] + np.arange(-_RECORD.size, 0)].view(_RECORDS)[:, 0]
+        heads = _at(np.frombuffer(data, np.uint8), begins - _RECORD.size, _RECORD.size).view(_RECORDS)[:, 0]
         differing = (heads["opcode"] != _MESSAGE) | (heads["length"] != ends - begins)
         count = int(differing.argmax()) if differing.any() else within
         return begins[:count], ends[:count]
@@ -630,6 +691,18 @@ def _converted(path: Path, bag: str) -> str:
 
 
 _Take: TypeAlias = Callable[[bytes, Places, Places], Iterator[_Read]]
+_Unpacked: TypeAlias = Callable[[], bytes]
+
+
+def _size(opcode: int, content: bytes) -> int:
+    """Return the size of a record, and of what a chunk says is in it."""
+    return len(content) + (int.from_bytes(content[16:24], "little") if opcode == Opcode.CHUNK else 0)
+
+
+def _at(data: NDArray[np.uint8], begins: Places, length: int) -> NDArray[np.uint8]:
+    """Return the bytes, `length` of them, that begin at each of these places, (n, length)."""
+    windows = np.ndarray((len(data) - length + 1,), f"V{length}", data, strides=(1,))
+    return windows[begins].view(np.uint8).reshape(-1, length)
 
 
 def _places(begins: Places, ends: Places, more: list[int]) -> tuple[Places, Places]:

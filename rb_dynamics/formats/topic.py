@@ -110,8 +110,9 @@ class Topic:
         self._times.append(block.log_times)
         self.count += len(block.log_times)
         if self._fields and (self.error is None or self._bears):
-            self._waiting += block.rows()
-            if self.count - len(self._numbers) // self._width >= _BATCH:
+            enough = self.count - len(self._numbers) // self._width >= _BATCH
+            self._waiting += block.rows() if enough else [rows.copy() for rows in block.rows()]
+            if enough:
                 self._take()
         elif self.type_name == DIAGNOSTICS:
             self.messages += [row.tobytes() for rows in block.rows() for row in rows]
@@ -296,7 +297,7 @@ def _alike(
     """Return stamps, numbers and strings straight from the bytes; None unless only stamps and numbers differ."""
     if any(messages.shape[1] != waiting[0].shape[1] for messages in waiting):
         return None
-    raw = np.concatenate(waiting)
+    raw = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
     first = raw[0].tobytes()
     try:
         texts = tuple(value for value in cdr.decode(type_name, first) if isinstance(value, str))
@@ -313,7 +314,7 @@ def _alike(
         columns.append(raw[:, at : at + 8 * _length(type_name, field)].copy().view(order + "f8"))
     stamps = raw[:, 4:12].copy().view([("s", order + "i4"), ("ns", order + "u4")])[:, 0]
     times = stamps["s"].astype(np.int64) * 1_000_000_000 + stamps["ns"]
-    return times, np.concatenate(columns, axis=1).astype(np.float64), [(0, texts)]
+    return times, np.concatenate(columns, axis=1).astype(np.float64, copy=False), [(0, texts)]
 
 
 def _fingerprints(type_name: str, fields: tuple[int, ...], numbers: Values) -> Prints:

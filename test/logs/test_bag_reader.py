@@ -406,6 +406,24 @@ def a_chunk(data: bytes) -> tuple[int, bytes]:
     return 6, struct.pack("<QQQI", 0, 0, len(data), 0) + text("zstd") + struct.pack("<Q", len(content)) + content
 
 
+def test_small_chunks_are_taken_together_up_to_a_damage(tmp_path: Path) -> None:
+    def chunk(first: int) -> tuple[int, bytes]:
+        heads = (struct.pack("<HIQQ", 1, 0, at, at) for at in range(first, first + 3))
+        return a_chunk(plain(*((5, head + bytes(60)) for head in heads)))
+
+    path = tmp_path / "small.mcap"
+    path.write_bytes(packed(*POSES, *map(chunk, range(0, 300, 3)), a_chunk(b"\5" + bytes(20)), chunk(300)))
+    blocks = McapFile(path).blocks()
+    block = next(blocks)
+    assert block.log_times.tolist() == [*range(300)]
+    assert [rows.shape for rows in block.rows()] == [(300, 60)]
+    with pytest.raises(LogError, match="a message without its times"):
+        next(blocks)
+    saved = McapFile(path, salvage=True)
+    assert [message.log_time for message in saved.messages()] == [*range(303)]
+    assert len(saved.damage) == 1
+
+
 @pytest.mark.parametrize(
     "record",
     [(99, b""), (5, struct.pack("<HIQQ", 1, 0, 5, 5)), POSES[0]],
