@@ -12,7 +12,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, what: str) -> bytes:
     """Return the bytes of `path`, a plain file of at most `limit` bytes that holds `what`.
 
     Raises:
-        BodyError: it is a URL, no plain file, not readable, or larger.
+        BodyError: it is a URL, not a plain file, not readable, or larger.
     """
     name = os.fspath(path)
     if "://" in name:

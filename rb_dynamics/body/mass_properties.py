@@ -121,7 +121,7 @@ def examine_spin(body: RigidBody, angular_velocity_body: Vector) -> Finding | No
 
 @dataclass(frozen=True, slots=True)
 class AxisProperties:
-    """What the body is to a rotation about one axis: a unit vector in body axes, and a point of it where one was given.
+    """Properties for a rotation about one axis: its unit vector in body axes, and one of its points if one was given.
 
     `scalar_inertia` in kg m^2 (eq. 12), `radius_of_gyration` in m (eq. 13).
     """
@@ -138,7 +138,7 @@ class AxisProperties:
         return cls(unit(axis), through, inertia, radius)
 
     def as_text(self) -> str:
-        """Return the properties for a person."""
+        """Return the properties as text."""
         place = "the centre of mass" if self.through is None else f"[{', '.join(f'{c:g}' for c in self.through)}] m"
         return "\n".join(
             (
@@ -151,7 +151,7 @@ class AxisProperties:
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """All there is to say about a body. Columns of `principal_axes` are the principal axes in body axes.
+    """Mass properties of a body, and what follows from them. Columns of `principal_axes` are the principal axes in body axes.
 
     `warnings` are the `findings` of the inertia doctor as sentences.
     """
@@ -169,7 +169,7 @@ class MassProperties:
 
     @classmethod
     def of(cls, body: RigidBody, angular_velocity_body: Vector, noticed: Sequence[Finding] = ()) -> MassProperties:
-        """Return the properties of `body`; the angular velocity (rad/s) is looked at for its stability.
+        """Return the properties of `body`; the angular velocity (rad/s) is checked for stability.
 
         `noticed` are findings from elsewhere, for example from the reading of a mesh.
         """
@@ -194,7 +194,7 @@ class MassProperties:
         return asdict(self)
 
     def as_text(self) -> str:
-        """Return the properties for a person."""
+        """Return the properties as text."""
         if self.symmetry == "particle":
             return f"mass             {self.mass:.9g} kg\nsymmetry         particle ({_SYMMETRY_WORDS['particle']})"
         columns = list(zip(*self.principal_axes, strict=True))

@@ -69,7 +69,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
     """Return the vertices, in the file's unit, and the triangles of an STL, OBJ or PLY file.
 
     Raises:
-        BodyError: it is no such file, or larger than 64 MiB.
+        BodyError: it is not such a file, or larger than 64 MiB.
         MissingExtraError: trimesh is not installed.
     """
     suffix = os.path.splitext(os.fspath(path))[1].lower()
@@ -101,7 +101,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
 def _surface(data: bytes) -> bytes:
     """Return the vertices and faces of an OBJ file, one a line with single spaces.
 
-    trimesh reads "f 1 2 3" alone so: it passes over a face that is indented or has tabs, without a word.
+    trimesh understands only "f 1 2 3": it silently skips a face that is indented or has tabs.
     """
     lines, vertices = [], 0
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():

@@ -125,7 +125,7 @@ def _arms(masses: Sequence[float], positions: Sequence[Vector]) -> list[Vector]:
 def _split_center(masses: Sequence[float], positions: Sequence[Vector]) -> tuple[Vector, Vector]:
     """Return the centre of mass as a sum: a point near it, and the rest to full relative accuracy.
 
-    Whatever point is near does: the rest is found from positions relative to just that point.
+    Any near point will do: the rest is found from positions relative to that very point.
     """
     mass = total_mass(masses)
     near = _divide(_sum(_weighted(masses, positions)), mass)

@@ -47,7 +47,7 @@ FAR, CLOSE = 0.3, 0.1
 
 
 class Symmetry(str, Enum):
-    """What the principal moments say: all equal, the two smaller equal (a disc), the two larger (a rod), or none.
+    """Which principal moments are equal: all, the two smaller (a disc), the two larger (a rod), or none.
 
     A particle has none.
     """
@@ -97,7 +97,7 @@ def examine(body: RigidBody) -> tuple[Finding, ...]:
 def slip_behind(inertia: Matrix) -> str:
     """Return a remark on a matrix that no body has but in another order of its six numbers; "" where there is none.
 
-    In a valid matrix such a slip has nothing to show: 2 |Ixz| <= Iyy and so on for every body, so that a product in the
+    In a valid matrix such a slip cannot be seen: 2 |Ixz| <= Iyy and so on for every body, so that a product in the
     place of a moment leaves no room for a moment in the place of a product.
     """
     for order, reorder in common_mistakes.ORDERS.items():
@@ -121,7 +121,7 @@ def examine_density(mass: float, volume: float) -> Finding | None:
 
 
 def _size(body: RigidBody) -> Finding | None:
-    """Return a finding where the ball with the mass and the largest moment of `body` is of no material.
+    """Return a finding where no material is as dense as the ball with the mass and the largest moment of `body`.
 
     Of all bodies with that moment the ball is the largest, so a body is at least as dense as its ball.
     """

@@ -52,13 +52,13 @@ class Inertial:
 
 
 class _Pose(NamedTuple):
-    """Where axes are: of a link, or of something in its axes."""
+    """A pose: of a link, or of something in its axes."""
 
     position: Vector
     orientation_xyzw: Quaternion
 
     def of(self, inner: _Pose) -> _Pose:
-        """Return where `inner` is, which is given in these axes."""
+        """Return the pose of `inner`, which is given in these axes."""
         if self == _HERE:
             return inner
         return _Pose(
@@ -67,7 +67,7 @@ class _Pose(NamedTuple):
         )
 
     def inverse(self) -> _Pose:
-        """Return where the outer axes are in these."""
+        """Return the pose of the outer axes in these."""
         back = rotation.conjugate(self.orientation_xyzw)
         return _Pose(scale(-1.0, rotation.rotate(back, self.position)), back)
 
@@ -76,7 +76,7 @@ _HERE = _Pose(ZERO, IDENTITY)
 
 
 def read_urdf(path: str | os.PathLike[str], link: str) -> Inertial:
-    """Return the mass properties of the link named `link`, with all that is fixed to it.
+    """Return the mass properties of the link named `link`, with everything fixed to it.
 
     Raises:
         BodyError: it is no such file, has no such link, or the links have no valid <inertial>.
@@ -85,7 +85,7 @@ def read_urdf(path: str | os.PathLike[str], link: str) -> Inertial:
 
 
 def parse_urdf(data: bytes, link: str, source: str = "<urdf>") -> Inertial:
-    """Return the mass properties of the link named `link` in the URDF `data`, with all that is fixed to it.
+    """Return the mass properties of the link named `link` in the URDF `data`, with everything fixed to it.
 
     Raises:
         BodyError: as `read_urdf`.
@@ -106,7 +106,7 @@ def parse_urdf(data: bytes, link: str, source: str = "<urdf>") -> Inertial:
 
 
 def _body(element: ElementTree.Element, pose: _Pose, place: str) -> RigidBody:
-    """Return what the <inertial> of a link says, seen from where the link has `pose`."""
+    """Return the <inertial> of a link that has `pose`."""
     inertial = element.find("inertial")
     if inertial is None:
         raise BodyError(
@@ -137,7 +137,7 @@ _Part = tuple[float, Vector, Matrix]
 
 
 def _part(element: ElementTree.Element, pose: _Pose, place: str) -> _Part:
-    """Return what a link among others adds, which may be a point without inertia."""
+    """Return the contribution of one link of several, which may be a point without inertia."""
     inertial = _child(element, "inertial", place)
     if any(map(any, _inertia(inertial, place))):
         body = _body(element, pose, place)
@@ -239,7 +239,7 @@ def _fixed(
     joints: dict[str, list[tuple[str, ElementTree.Element, bool]]] = {name: [] for name in links}
     for joint in root.findall("joint"):
         ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
-        # What is fixed to the world does not move with what else is.
+        # Links that are fixed to the world do not move with the others.
         if joint.get("type") != "fixed" or _WORLD in ends:
             continue
         place = f"{source}: joint {joint.get('name', '')[:60]!r}"
@@ -318,7 +318,7 @@ def _reach(link: ElementTree.Element, pose: _Pose, center: Vector, place: str) -
             if half is not None:
                 position = pose.of(_origin(element, place)).position
                 found.append(norm(subtract(position, center)) + half)
-        # A mesh beside them could reach farther; then nothing can be said.
+        # A mesh beside them could reach farther; then there is no bound.
         if found and len(found) == len(link.findall(kind)):
             return max(found)
     return None

@@ -34,10 +34,10 @@ class Setpoint:
     stamp_ns: int = 0
 
     def __post_init__(self) -> None:
-        """Keep a float; what makes no sense is rejected where it is to act.
+        """Keep a float; an invalid value is rejected when it is to take effect.
 
         Raises:
-            TypeError: it is not a number, or the stamp no whole number.
+            TypeError: it is not a number, or the stamp is not a whole number.
         """
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise TypeError(f"setpoint: value is {shown(self.value)}, expected a number; write Setpoint(0.1)")
@@ -47,14 +47,14 @@ class Setpoint:
 
 @dataclass(frozen=True, slots=True)
 class ActuatorCommand:
-    """A command to an actuator came.
+    """A command to an actuator was received.
 
     Attributes:
         time_ns: simulation time.
         topic: of the command, as the scene writes the name of the actuator.
         value: as it came.
         reason: why it is rejected; "" where it is not.
-        clipped: whether the limits of the actuator made it smaller.
+        clipped: whether the limits of the actuator reduced it.
     """
 
     time_ns: int
@@ -65,7 +65,7 @@ class ActuatorCommand:
 
 
 class Accepted(NamedTuple):
-    """What an actuator makes of a command: the value that acts, and whether its limits made it smaller."""
+    """How an actuator honours a command: the value that acts, and whether its limits reduced it."""
 
     value: float
     clipped: bool = False
@@ -73,7 +73,7 @@ class Accepted(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator(Effect):
-    """What is commanded by a number on the topic `<name>/command`.
+    """A device that is commanded by a number on the topic `<name>/command`.
 
     Attributes:
         needs_field: whether it acts in a magnetic field.

@@ -66,7 +66,7 @@ class ActuatorBank:
         self._turning: list[tuple[int, float]] = []
 
     def accept(self, topic: str, value: float) -> bool:
-        """Return whether the limits of an actuator make a command smaller; changes nothing.
+        """Return whether the limits of an actuator reduce a command; changes nothing.
 
         Raises:
             WrenchError: there is no such actuator, or it cannot honour the command.
@@ -74,7 +74,7 @@ class ActuatorBank:
         return self._actuators[self._place(topic)].accept(value).clipped
 
     def post(self, topic: str, value: float, time_ns: int) -> None:
-        """Let a command come at `time_ns`.
+        """Receive a command at `time_ns`.
 
         Raises:
             WrenchError: there is no such actuator.
@@ -82,12 +82,12 @@ class ActuatorBank:
         self._push(time_ns, self._place(topic), value)
 
     def next_change_ns(self) -> int | None:
-        """Return when a command comes or an actuator changes next; None if that never happens."""
+        """Return when a command takes effect or an actuator changes next; None if that never happens."""
         times = [transient.end_ns for transient in self.transients()]
         return min([*times, *(edge.time_ns for edge in self._queue[:1])], default=None)
 
     def transients(self) -> list[Transient]:
-        """Return what thrusters do whose force rises or falls."""
+        """Return the transients of the thrusters whose force rises or falls."""
         return [transient for transient, _ in self._ramps.values()]
 
     def on_their_way(self, now_ns: int) -> list[AppliedWrench]:
@@ -96,7 +96,7 @@ class ActuatorBank:
         return [replace(self._applied(k, now_ns), on_its_way=True) for k in going]
 
     def apply(self, now_ns: int) -> list[ActuatorCommand | AppliedWrench]:
-        """Make every change that is due at `now_ns`, and return what came and which thruster changed, in order."""
+        """Make every change due at `now_ns`; return the commands, and the thrusters that changed, in order."""
         told: list[ActuatorCommand | AppliedWrench] = []
         self.changed = False
         for k in [k for k, (ramp, _) in sorted(self._ramps.items()) if ramp.end_ns <= now_ns]:
@@ -120,7 +120,7 @@ class ActuatorBank:
         return told
 
     def turn(self, omega: Vector, states: Sequence[float]) -> None:
-        """Let wheels do what they are commanded anew, while the body turns with `omega` (principal axes)."""
+        """Apply the new commands of wheels, while the body turns with `omega` (principal axes)."""
         if self.wheels is not None:
             speeds = self.wheels.speeds(omega, states)
             for wheel, value in self._turning:
@@ -128,7 +128,7 @@ class ActuatorBank:
             self._turning.clear()
 
     def held(self) -> HeldWrench:
-        """Return what the thrusters do about the centre of mass, body axes, without those of `transients`."""
+        """Return the wrench of the thrusters about the centre of mass, body axes, without those of `transients`."""
         total = HeldWrench()
         for k, (actuator, value) in enumerate(zip(self._actuators, self._values, strict=True)):
             if isinstance(actuator, Thruster) and value > 0.0 and k not in self._ramps:
@@ -137,7 +137,7 @@ class ActuatorBank:
 
     @property
     def dipole(self) -> Vector:
-        """What the magnetorquers have, as they are now, A m^2, principal axes."""
+        """The dipole of the magnetorquers as commanded now, A m^2, principal axes."""
         dipole: Vector = ZERO
         for actuator, value in zip(self._actuators, self._values, strict=True):
             if isinstance(actuator, Magnetorquer):
@@ -145,7 +145,7 @@ class ActuatorBank:
         return dipole if dipole == ZERO else rotate_inverse(self._body.principal_orientation_xyzw, dipole)
 
     def wrenching(self) -> Wrenching | None:
-        """Return what the magnetorquers do in the field, as they are now; None where they do nothing."""
+        """Return the load of the magnetorquers in the field, as commanded now; None where they have none."""
         dipole, field = self.dipole, self._field
         if dipole == ZERO:
             return None
@@ -163,7 +163,7 @@ class ActuatorBank:
         heapq.heappush(self._queue, _Edge(time_ns, actuator, self._number, value))
 
     def _act(self, edge: _Edge) -> list[AppliedWrench]:
-        """Let an actuator do what was commanded; return what that does to the body as far as it is a wrench."""
+        """Apply a command to an actuator; return its effect on the body as far as that is a wrench."""
         k = edge.actuator
         actuator, value = self._actuators[k], edge.value
         if isinstance(actuator, ReactionWheel):
@@ -196,7 +196,7 @@ class ActuatorBank:
         return [self._applied(k, edge.time_ns)]
 
     def _level(self, k: int, now_ns: int) -> float:
-        """Return how much of its force a thruster gives."""
+        """Return the part of its force that a thruster exerts."""
         value = self._values[k]
         if k not in self._ramps:
             return value

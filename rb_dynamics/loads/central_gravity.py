@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Attraction(NamedTuple):
-    """What the load of one body by one centre depends on: mu, the centre, mass and moments, whether with gradient."""
+    """What the load on one body from one centre depends on: mu, the centre, mass and moments, whether with gradient."""
 
     parameter: float
     center: Vector

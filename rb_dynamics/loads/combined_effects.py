@@ -31,7 +31,7 @@ _T = TypeVar("_T")
 
 
 class Lasting(NamedTuple):
-    """What effects do all the time.
+    """What effects do throughout a run.
 
     Attributes:
         force_world: held, N, world axes, through the centre of mass.
@@ -44,17 +44,17 @@ class Lasting(NamedTuple):
 
 @dataclass(frozen=True)
 class CombinedEffects:
-    """What the `effects` of a scene do to `body`, in the order of the scene; `frames` say what its world is called."""
+    """What the `effects` of a scene do to `body`, in the order of the scene; `frames` give the name of its world."""
 
     body: RigidBody
     effects: tuple[Effect, ...] = ()
     frames: WrenchFrames = WrenchFrames()
 
     def __post_init__(self) -> None:
-        """Let each effect look at the body.
+        """Let each effect check the body.
 
         Raises:
-            SceneError: an effect cannot act on it, or has a load inside the step and does not say so.
+            SceneError: an effect cannot act on it, or has a load inside the step and does not declare it.
         """
         for effect in self.effects:
             if not isinstance(effect.kind, str):
@@ -66,7 +66,7 @@ class CombinedEffects:
 
     @property
     def takes(self) -> LoadDependence:
-        """What a method has to take."""
+        """The dependence of the load that a method must support."""
         return max((effect.takes for effect in self.effects), default=LoadDependence.HELD)
 
     @property
@@ -75,7 +75,7 @@ class CombinedEffects:
         return tuple(dict.fromkeys(effect.kind for effect in self.effects if effect.takes > LoadDependence.HELD))
 
     def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
-        """Return a channel name and the wrenches of each effect that holds some."""
+        """Return a channel name and the wrenches of each effect that holds wrenches."""
         found: dict[str, tuple[tuple[float, Wrench], ...]] = {}
         for effect in self.effects:
             if schedule := _schedule(effect, effect.schedule(self.body)):
@@ -109,8 +109,8 @@ class CombinedEffects:
         `driven` is what actuators add.
 
         Raises:
-            SceneError: an effect has a load inside the step and does not say so; or, when it is evaluated first, its
-                load is not two vectors.
+            SceneError: an effect has a load inside the step and does not declare it; or, at its first evaluation, its load
+                is not two vectors.
         """
         parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
         if driven is not None:
@@ -198,12 +198,12 @@ class CombinedEffects:
         return any(effect.magnetic_field() is not None for effect in self.effects)
 
     def slowing(self) -> Slowing | None:
-        """Return the rate (1/s) at which differences of velocity die down; None where they need not."""
+        """Return the rate (1/s) at which differences of velocity decay; None where they need not."""
         parts = self._parts("slowing", lambda effect: _real(effect, "slowing", "1/s", effect.slowing(self.body), 0.0))
         return (lambda point: _total(part(point) for part in parts)) if parts else None
 
     def sight(self) -> Sight | None:
-        """Return for how long (s) the load at a point tells what comes; None where it always does."""
+        """Return for how long (s) the load at a point predicts the load ahead; None where it always does."""
         parts = self._parts("sight", lambda effect: _ahead(effect, effect.sight(self.body)))
         return (lambda point: min(part(point) for part in parts)) if parts else None
 
@@ -257,9 +257,9 @@ def _refusing(
     part: Callable[[Point], _T],
     first: Callable[[Effect, _T], None] | None = None,
 ) -> Callable[[Point], _T]:
-    """Return a part of `effect` that refuses the points where it fails: a step on trial may lead anywhere.
+    """Return a part of `effect` that refuses the points where it fails: a trial step may lead anywhere.
 
-    `first` looks at the first value alone, as values are many.
+    `first` checks the first value only, as there are many.
     """
 
     def at(point: Point) -> _T:
@@ -392,7 +392,7 @@ def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
 
 
 def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
-    """Return the load of an effect; no method is asked whether it can take one that is not declared."""
+    """Return the load of an effect; no method is checked for loads that are not declared."""
     part = effect.wrenching(body, start)
     if part is not None:
         _function(effect, "load", part)

@@ -25,7 +25,7 @@ class Commands(Protocol):
         """Return the command of a row."""
 
     def message(self, row: int) -> bytes | None:
-        """Return the message that it came as; None where it did not come as one of a log."""
+        """Return the message in which it was recorded; None if it is not from a log."""
 
 
 class Received(NamedTuple):
@@ -70,13 +70,13 @@ class Received(NamedTuple):
 
 
 class CommandBatch(NamedTuple):
-    """Commands as they came, in any order.
+    """Commands as received, in any order.
 
     Attributes:
         time_ns: (n,), when each is to take effect.
         stamp_ns: (n,), its stamp.
         channel: (n,), its number in the order of the scene.
-        arrival: (n, 3), growing in the order in which those of one channel came: the first column counts most.
+        arrival: (n, 3), growing in the order in which those of one channel arrived: the first column counts most.
         wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
         frame: (n,), number of the frame in `frame_ids`.
         frame_ids: names.
@@ -151,7 +151,7 @@ class _Listed(NamedTuple):
 
 
 def listed(commands: Sequence[tuple[int, Wrench, int]]) -> CommandBatch:
-    """Return commands (number of the channel, command, time in ns) that came in this order, in this order."""
+    """Return commands (number of the channel, command, time in ns) in the order in which they arrived."""
     import numpy as np
 
     wrenches, rows = [wrench for _, wrench, _ in commands], np.arange(len(commands))
@@ -169,10 +169,10 @@ def listed(commands: Sequence[tuple[int, Wrench, int]]) -> CommandBatch:
 
 
 class CommandTable(NamedTuple):
-    """Commands that act as they are.
+    """Commands that take effect unchanged.
 
     Attributes:
-        came: as they came, by time, then arrival.
+        came: as received, by time, then arrival.
         held: (n, `HELD`), what each does while it is held, body axes.
     """
 
@@ -232,7 +232,7 @@ class Timeline(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What the channels of a run did, one after the other, in the order in which it is told.
+    """What the channels of a run did, in the order in which sinks receive it.
 
     Attributes:
         time_ns: (n,).

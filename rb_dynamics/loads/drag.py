@@ -48,7 +48,7 @@ def resisted(r: Resistance, point: Point) -> tuple[Vector, Vector]:
 
 
 def slowed(r: Resistance, point: Point) -> float:
-    """Return the rate (1/s) at which all differences of velocity die down by it; 0 where they need not."""
+    """Return the rate (1/s) at which it makes all differences of velocity decay; 0 where they need not."""
     return r.slowing * _size(r, subtract(point.velocity, r.medium)) if r.slowing > 0.0 else 0.0
 
 

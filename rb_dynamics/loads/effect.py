@@ -56,7 +56,7 @@ Storing = Callable[[Point], Stored]
 
 
 Slowing = Callable[[Point], float]
-"""Rate (1/s) at which differences of velocity die down at a point."""
+"""Rate (1/s) at which differences of velocity decay at a point."""
 
 
 Field = Callable[[Vector], Vector]
@@ -68,7 +68,7 @@ Sight = Callable[[Point], float]
 
 
 class Effect:
-    """What acts of its own accord; each kind overrides what it has.
+    """A load that acts without commands; each kind overrides the parts that it has.
 
     Attributes:
         kind: `type` in the scene's list of effects.
@@ -82,7 +82,7 @@ class Effect:
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Effect:
-        """Return the effect that an entry of a scene asks for; what is wrong with its values is noted there.
+        """Return the effect that an entry of a scene asks for; problems with its values are recorded there.
 
         Raises:
             SceneError: it cannot be made from these values.
@@ -90,10 +90,10 @@ class Effect:
         raise SceneError(f"{cls.kind}: cannot be read from a scene; add it in Python: replace(scene, effects=...)")
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a body that it cannot act on.
+        """Refuse a body on which it cannot act.
 
         Raises:
-            SceneError: says why, and what to do.
+            SceneError: the message says why, and what to do.
         """
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
@@ -113,14 +113,15 @@ class Effect:
         return None
 
     def slowing(self, body: RigidBody) -> Slowing | None:
-        """Return the rate at which all differences of velocity die down by it; None where they need not.
+        """Return the rate at which it makes all differences of velocity decay; None where they need not.
 
-        Along the motion it may fall like 1/t, as the body comes to rest, and no faster: drag that thins out has none.
+        Along the motion it may fall like 1/t, as the body comes to rest, and no faster: drag that thins out has no such
+        rate.
         """
         return None
 
     def sight(self, body: RigidBody) -> Sight | None:
-        """Return for how long the load at a point tells what comes; None where it always does.
+        """Return for how long (s) the load at a point predicts the load ahead; None where it always does.
 
         Steps by accuracy are no longer, so that none passes over a place where the load is strong without meeting it.
         Greater than 0; infinite where nothing is near.

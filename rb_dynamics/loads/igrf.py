@@ -41,7 +41,7 @@ def parsed(epoch: str) -> datetime:
     """Return a time of ISO 8601; without an offset it is UTC.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not one.
     """
     text = epoch.strip()
     # Python 3.10 does not know Z.

@@ -22,11 +22,11 @@ _OVER = 40.0
 
 
 class Transient(NamedTuple):
-    """What acts from `since_ns` on.
+    """A wrench that changes gradually from `since_ns` on.
 
     Attributes:
-        before: what acts at `since_ns`.
-        after: what will act.
+        before: the wrench at `since_ns`.
+        after: the wrench at the end.
         since_ns: when it began.
         length: s: the time constant of an exponential, or how long a straight line takes.
         is_linear: which of the two it is.
@@ -46,7 +46,7 @@ class Transient(NamedTuple):
     def aged(self, age: float) -> HeldWrench:
         """Return what acts `age` s after it began.
 
-        With two weights: what acts is exact to a few roundings of itself, also where it begins at zero, or comes there.
+        With two weights the result is exact to a few roundings of itself, also where it begins or ends at zero.
         """
         part = age / self.length
         old, new = (1.0 - part, part) if self.is_linear else (math.exp(-part), -math.expm1(-part))
@@ -57,7 +57,7 @@ class Transient(NamedTuple):
         return self.aged((time_ns - self.since_ns) / NANOSECONDS)
 
     def sight(self, age: float) -> float:
-        """Return for how long (s) it tells of itself: a step over many time constants would see nothing of it."""
+        """Return for how long (s) it can be predicted: a step over many time constants would miss it."""
         return math.inf if self.is_linear else self.length * math.exp(min(age / self.length, _OVER))
 
 

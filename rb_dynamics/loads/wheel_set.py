@@ -42,7 +42,7 @@ _FREE, _AT_SPEED, _AT_REST = 0.0, 1.0, 2.0
 
 
 class _Wheel(NamedTuple):
-    """How a wheel turns now.
+    """The present state of motion of a wheel.
 
     Attributes:
         command: its torque (N m) or speed (rad/s).
@@ -109,10 +109,10 @@ class WheelSet:
         return (*momenta, *(0.0,) * _BOOKS, *(self.wheels[each.wheel].phase for each in self.imbalances))
 
     def command(self, k: int, value: float, speed: float) -> None:
-        """Let wheel k, which turns with `speed`, do as commanded; `settle` sees what comes of it."""
+        """Apply the command of wheel k, which turns with `speed`; `settle` then decides whether it is held."""
         point = self._now[k].point
         self._set(k, command=value)
-        # At rest or at its largest speed it still is; a speed that was commanded is none to stay at.
+        # It is still at rest or at its largest speed; it does not stay at a speed that was commanded before.
         if point is None or point not in self._points(k):
             self._place(k, speed)
 
@@ -150,7 +150,8 @@ class WheelSet:
     def settle(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> None:
         """Decide which wheels are held, under a torque from outside (principal axes): asked only where one may be.
 
-        First all that are where they may stay are held; one that cannot be is let go, until all others can.
+        First all wheels at a speed where they may stay are held; those that cannot be are released, until all others
+        can.
         """
         speeds = self.speeds(omega, states)
         self._now = [wheel._replace(held=wheel.point is not None) for wheel in self._now]
@@ -212,7 +213,7 @@ class WheelSet:
         return shaking(self.imbalances, self.speeds(omega, states), self._angles(states))
 
     def sight(self, omega: Vector, states: Sequence[float]) -> float:
-        """Return for how long (s) the imbalances now are a guide to those ahead."""
+        """Return for how long (s) the imbalances now predict those ahead."""
         speeds, times = self.speeds(omega, states), [math.inf]
         for k, *_ in self.imbalances:
             wheel, now = self.wheels[k], self._now[k]
@@ -242,7 +243,7 @@ class WheelSet:
         self._free(k, low, high, math.copysign(1.0, speed))
 
     def _let_go(self, k: int, way: float, speed: float) -> None:
-        """Let a wheel go from its point, up (1) or down (-1)."""
+        """Release a wheel from its point, up (1) or down (-1)."""
         point, points = self._now[k].point, self._points(k)
         assert point is not None
         # It was caught within a nanosecond, and is past its point by that much.
@@ -271,7 +272,7 @@ class WheelSet:
         return -math.copysign(wheel.coulomb, speed) - wheel.viscous * speed
 
     def _way_out(self, k: int, spin_up: Vector, speed: float) -> float:
-        """Return which way a held wheel goes, as nothing can hold it: up (1), down (-1) or not at all (0)."""
+        """Return which way a held wheel is released, if nothing can hold it: up (1), down (-1) or not at all (0)."""
         wheel, now = self.wheels[k], self._now[k]
         if not now.held or now.point is None:
             return 0.0

@@ -41,7 +41,7 @@ class Wrench:
     message: bytes | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Keep what was given as it is now; numbers that make no sense are refused where they are to act.
+        """Keep a copy of what was given; invalid numbers are refused when they are to take effect.
 
         What is beyond double precision is infinite there, and in logs.
 
@@ -91,7 +91,7 @@ class FixedFrame:
 
 
 class HeldWrench(NamedTuple):
-    """What a command does to the body while it is held: force through and torque about the centre of mass.
+    """The effect of a command on the body while it is held: force through and torque about the centre of mass.
 
     `*_body` parts turn with the body inside a step, `*_world` parts do not. N and N m.
     """
@@ -101,7 +101,7 @@ class HeldWrench(NamedTuple):
     force_world: Vector = ZERO
     torque_world: Vector = ZERO
 
-    # Without it + would chain two wrenches to one tuple of eight vectors, and say nothing.
+    # Without it + would silently chain two wrenches to one tuple of eight vectors.
     def __add__(self, other: HeldWrench) -> HeldWrench:  # type: ignore[override]
         """Return the sum: channels add up."""
         return HeldWrench(
@@ -136,7 +136,7 @@ class WrenchFrames:
     fixed: Mapping[str, FixedFrame] | None = None
     center_of_mass: Vector | None = None
     turns: bool | None = None
-    # What the body of a scene says gives way to another body; what a user says does not.
+    # Values from the body of a scene are replaced with another body; values from a user are not.
     _of_body: bool = field(default=False, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -156,7 +156,7 @@ class WrenchFrames:
                 instance(name, str, "fixed", "write the name of a frame")
                 instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
             object.__setattr__(self, "fixed", fixed)
-        # A command has but the name: of two frames that share one, it would act in the first.
+        # A command has only the name: of two frames with the same name, it would act in the first.
         names = [self.world_frame, self.body_frame, *(self.fixed or {})]
         if len({"", *names}) < len(names) + 1 or WORLD in names[1:]:
             raise SceneError(
@@ -169,10 +169,10 @@ class WrenchFrames:
             instance(self.turns, bool, "turns", "write True, or False for a particle")
 
     def of(self, body: RigidBody) -> WrenchFrames:
-        """Return the same frames on `body`, which says where its centre of mass is and whether it turns.
+        """Return the same frames on `body`, which gives its centre of mass and whether it turns.
 
         Raises:
-            SceneError: they were made with what contradicts it.
+            SceneError: they were made with values that contradict it.
         """
         center, turns = body.center_of_mass, not body.is_particle
         if self._of_body and (self.center_of_mass, self.turns) == (center, turns):
@@ -257,7 +257,7 @@ def require_possible(force: float, torque: float, largest: tuple[float, float]) 
     """Check the largest components of a wrench about the centre of mass against those of `largest_wrench`.
 
     Raises:
-        WrenchError: one is too large, or no number.
+        WrenchError: one is too large, or not a number.
     """
     for name, size, limit, unit, why in (
         ("force", force, largest[0], "N", "the body would leave the range of double precision within an hour"),

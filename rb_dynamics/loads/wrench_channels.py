@@ -47,8 +47,8 @@ ON_EXCESS = ("reject", "clip")
 LAG = f"0 (none) or a time from {SHORTEST:g} to {LONGEST:.1e} (s)"
 """What is expected of a lag."""
 
-# m/s^2 and rad/s^2: beyond, no actuator is meant, and a command under which the motion cannot go on is what is wrong.
-# Below, it is the step or the accuracy, and whoever chose it has to know.
+# m/s^2 and rad/s^2: no actuator gives more. If the motion cannot continue beyond these, the command is at fault; below,
+# the step or the accuracy is, and the user has to be told.
 _HUGE = 1e6
 
 
@@ -92,7 +92,7 @@ class Channel:
     Attributes:
         topic: relative topic name.
         timeout: s after which the channel drops to zero; 0 holds for ever.
-        optional: in lockstep, does not hold time back before it has spoken.
+        optional: in lockstep, does not hold time back before its first command.
         max_force: N, the largest force that a command may have; infinite for no limit.
         max_torque: N m, likewise; of the torque that is commanded, without the moment of the force.
         on_excess: what becomes of a command beyond a limit: `reject`, or `clip` to scale the vector down to the limit.
@@ -157,7 +157,7 @@ class Channel:
 
     @property
     def bias(self) -> Wrench | None:
-        """What acts whatever is commanded; None where nothing does."""
+        """The bias, which acts whatever is commanded; None where there is none."""
         return (
             Wrench(self.bias_force, self.bias_torque) if (self.bias_force, self.bias_torque) != (ZERO, ZERO) else None
         )
@@ -178,7 +178,7 @@ class Channel:
         if limit == math.inf:
             return vector
         size = norm(vector)
-        # Who saturates at the limit itself rounds its norm.
+        # A controller that saturates at the limit itself rounds its norm.
         if size <= limit * (1.0 + 1e-12):
             return vector
         if self.on_excess == "clip":
@@ -192,7 +192,7 @@ class Channel:
 
 
 class ChannelBias(Effect):
-    """What acts on a channel whatever is commanded: held from time 0 on, and logged like the wrench of an effect."""
+    """The bias of a channel: held from time 0 on, and logged like the wrench of an effect."""
 
     def __init__(self, channel: Channel) -> None:
         """Hold the bias of `channel`."""
@@ -205,7 +205,7 @@ class ChannelBias(Effect):
 
 
 class ChannelLag(Effect):
-    """That what acts on a channel changes inside a step, while it follows the command."""
+    """The lag of a channel: its wrench changes inside a step, while it follows the command."""
 
     takes = LoadDependence.FIELD
 
@@ -216,7 +216,7 @@ class ChannelLag(Effect):
 
 @dataclass(frozen=True, slots=True)
 class AppliedWrench:
-    """A channel's wrench changed, or, where it follows with a lag, is on its way at an output.
+    """A channel's wrench changed, or, with a lag, is changing at an output.
 
     Attributes:
         time_ns: simulation time at which it took effect.
@@ -245,10 +245,10 @@ class AppliedWrench:
 
 @dataclass(frozen=True, slots=True)
 class ReceivedWrench:
-    """A command came that takes effect after the delay of its channel.
+    """A command was received that takes effect after the delay of its channel.
 
     Attributes:
-        time_ns: simulation time at which it came.
+        time_ns: simulation time at which it was received.
         topic: the channel's topic, as the scene writes it.
         received: the command as it came.
     """
@@ -478,7 +478,7 @@ class WrenchChannels:
     def timeline(self, until_ns: int, most: int) -> tuple[Timeline, int]:
         """Return the changes to come up to `until_ns`, and the time (ns) until which these are all; changes nothing.
 
-        That is before `until_ns` where it takes `apply` to tell, or where there are more than `most` commands.
+        That is before `until_ns` where only `apply` can tell, or where there are more than `most` commands.
         """
         if self._queue:
             until_ns = min(until_ns, self._queue[0].time_ns - 1)
@@ -494,7 +494,7 @@ class WrenchChannels:
         return [Holding([n for part in hold.held for n in part], hold.expires_ns) for hold in self._holds]
 
     def changes(self, until_ns: int) -> Changes:
-        """Make every change that is due until then, and return them; `timeline` has told that these are all."""
+        """Make every change that is due until then, and return them; `timeline` has returned them all."""
         table, frames = self._table or CommandTable.empty(), (self._frames.body_frame, self._frames.world_frame)
         topics = [channel.topic for channel in self._channels]
         found = changes(table, self._due(until_ns), self._holding, self._timeout_ns, until_ns, topics, frames)
@@ -502,7 +502,7 @@ class WrenchChannels:
         return found
 
     def skip(self, until_ns: int) -> None:
-        """Make every change that is due until then, of which nobody is told."""
+        """Make every change that is due until then, without returning them."""
         table, rows = self._table, self._due(until_ns)
         for i, timeout in enumerate(self._timeout_ns):
             if table is not None and (mine := (table.channel[rows] == i).nonzero()[0]).size:
@@ -675,7 +675,7 @@ class WrenchChannels:
 
     @property
     def huge(self) -> bool:
-        """Whether the last `apply` did what no actuator does: whether the motion goes on under it is to be tried."""
+        """Whether the last `apply` set more than any actuator gives: it must be tried whether the motion can continue."""
         return any(self._acceleration(pending) > _HUGE for pending in self._done)
 
     def take_back(self, reason: str) -> RejectedWrench:

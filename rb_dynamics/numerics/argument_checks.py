@@ -103,7 +103,7 @@ def truth(value: Any, name: str) -> bool:
     """Return a truth value of Python or numpy: not a number, nor a text such as "false", which Python takes for true.
 
     Raises:
-        TypeError: it is none.
+        TypeError: it is not one.
     """
     if isinstance(value, bool) or (getattr(value, "ndim", 1) == 0 and value.dtype.kind == "b"):
         return bool(value)

@@ -55,7 +55,7 @@ It is called for every sample from 0 on, in order: a bias that wanders has a pas
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """What measures; each kind adds its own errors.
+    """A device that measures; each kind adds its own errors.
 
     Attributes:
         kind: `type` in the scene's list of sensors.
@@ -110,7 +110,7 @@ class Sensor:
 
     @property
     def may_be_silent(self) -> bool:
-        """Whether it gives nothing for as long as what it looks for is out of its view."""
+        """Whether it sends nothing while its target is out of view."""
         return False
 
     @property
@@ -120,7 +120,7 @@ class Sensor:
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Sensor:
-        """Return the sensor that an entry of a scene asks for; what is wrong with its values is noted there."""
+        """Return the sensor that an entry of a scene asks for; problems with its values are recorded there."""
         return cls(**cls._common(entry))
 
     def reading(self, seed: int, frames: WrenchFrames) -> Reading:
@@ -162,7 +162,7 @@ class Sensor:
 
     @classmethod
     def _common(cls, entry: SceneEntry) -> dict[str, Any]:
-        """Read what every sensor has, and all numbers; `scene/read_devices.py` has looked at the name."""
+        """Read what every sensor has, and all numbers; `scene/read_devices.py` has checked the name."""
         frame = entry.text("frame", "the name of a frame", "")
         if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
             known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])
