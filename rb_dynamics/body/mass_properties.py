@@ -151,7 +151,7 @@ class AxisProperties:
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """Mass properties of a body, and what follows from them. Columns of `principal_axes` are the principal axes in body axes.
+    """Mass properties of a body, and what follows from them. Columns of `principal_axes` are these axes in body axes.
 
     `warnings` are the `findings` of the inertia doctor as sentences.
     """

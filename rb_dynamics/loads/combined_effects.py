@@ -109,8 +109,8 @@ class CombinedEffects:
         `driven` is what actuators add.
 
         Raises:
-            SceneError: an effect has a load inside the step and does not declare it; or, at its first evaluation, its load
-                is not two vectors.
+            SceneError: an effect has a load inside the step and does not declare it; or, at its first evaluation, its
+                load is not two vectors.
         """
         parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
         if driven is not None:

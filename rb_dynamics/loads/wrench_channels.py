@@ -675,7 +675,7 @@ class WrenchChannels:
 
     @property
     def huge(self) -> bool:
-        """Whether the last `apply` set more than any actuator gives: it must be tried whether the motion can continue."""
+        """Whether the last `apply` set more than any actuator gives: then a step must be tried first."""
         return any(self._acceleration(pending) > _HUGE for pending in self._done)
 
     def take_back(self, reason: str) -> RejectedWrench:
