@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, read_with_commands
+from rb_dynamics.cli.scene import add_scene, add_solver, add_wrench, listed, read_with_commands
 
 HELP = "print what a scene models, which solver runs it, its cost and error"
 
@@ -29,6 +29,6 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.study.explain import explain
 
     scene, commands = read_with_commands(args)
-    explanation = explain(scene, list(commands))
+    explanation = explain(scene, listed(commands))
     print(json.dumps(explanation.as_dict()) if args.json else explanation.as_text())
     return 0

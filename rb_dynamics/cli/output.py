@@ -10,10 +10,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
-    from rb_dynamics.run.simulation import Run
+    from rb_dynamics.run.simulation import Command, Run
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.study.covariance import Covariance
+
+_FEW = 1000
+"""Commands that tell how fast they come."""
 
 _UNITS = {
     "position_world": "m",
@@ -128,6 +132,20 @@ def note_remarks(scene: Scene) -> None:
     from rb_dynamics.run.scene_remarks import scene_remarks
 
     for remark in scene_remarks(scene):
+        print(f"note: {remark}", file=sys.stderr)
+
+
+def note_run(run: Run, scene: Scene, commands: RecordedWrenches | list[tuple[str, Wrench]]) -> None:
+    """Note on stderr what came near its limit, and commands that come too slowly, by the first of them."""
+    from itertools import islice
+
+    from rb_dynamics.numerics.vector import norm
+    from rb_dynamics.run.scene_remarks import command_remarks
+
+    first: list[Command] = list(islice(commands, _FEW))
+    first += [] if isinstance(commands, list) else commands.setpoints
+    rate = max(norm(scene.initial.angular_velocity_body), norm(run.sample.angular_velocity_body))
+    for remark in (*run.remarks, *command_remarks(first, rate)):
         print(f"note: {remark}", file=sys.stderr)
 
 

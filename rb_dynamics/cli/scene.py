@@ -13,6 +13,7 @@ from rb_dynamics.numerics.option_types import real
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start
+    from rb_dynamics.run.simulation import Command
     from rb_dynamics.scene.model import Scene
 
 
@@ -92,6 +93,11 @@ def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
 
         return scene_of_log(args.scene, overrides)
     return read_scene(args.scene, overrides), {}
+
+
+def listed(commands: RecordedWrenches | list[tuple[str, Wrench]]) -> list[Command]:
+    """Return all of what `read_with_commands` gives, commands to actuators too."""
+    return list(commands) if isinstance(commands, list) else [*commands, *commands.setpoints]
 
 
 def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenches | list[tuple[str, Wrench]]]:

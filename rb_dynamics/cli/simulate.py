@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress, getattr(commands, "facts", None))
         output.warn_rejected(result, len(commands))
+        output.note_run(result, scene, commands)
         if args.sigma or args.covariance:
             spread = covariance(mcap, args.covariance, sigmas)
         print(output.as_json(result, spread) if args.json else output.as_text(result, spread), flush=True)

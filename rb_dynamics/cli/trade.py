@@ -24,7 +24,7 @@ import re
 import sys
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.scene import add_scene, add_wrench, read_with_commands
+from rb_dynamics.cli.scene import add_scene, add_wrench, listed, read_with_commands
 from rb_dynamics.numerics.option_types import real
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     with output.progress(args.scene) as progress:
         found = trade(
             scene,
-            list(commands),
+            listed(commands),
             target=args.target,
             budget=args.budget,
             time_s=args.time,

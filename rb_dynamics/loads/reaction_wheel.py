@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 COMMANDS = ("torque", "speed")
 
+NEAR_LIMIT = 0.95
+"""Part of `max_speed` from which a wheel is near it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReactionWheel(Actuator):

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
+from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT, ReactionWheel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.arrivals import Arrival
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
@@ -174,6 +175,14 @@ class Health:
         self._next_ns = now + _PERIOD_NS
         return True
 
+    def hold_wheels(self, simulation: Simulation) -> list[tuple[ReactionWheel, float]]:
+        """Warn of each wheel while it is near its largest speed; return the wheels with their speeds (rad/s)."""
+        found = list(zip(simulation.scene.wheels, simulation.sample.wheel_speeds or (), strict=False))
+        for wheel, speed in found:
+            near = f"{wheel.name} is near its max_speed of {wheel.max_speed:g} rad/s, beyond which it gives no torque"
+            self.holds(f"speed of {wheel.name}", near if abs(speed) >= NEAR_LIMIT * wheel.max_speed else "")
+        return found
+
     def status(self, simulation: Simulation, pacer: Pacer | ClockFollower, state: str, awaited: str = "") -> Status:
         """Return the status of the node in `state`, and what it waits for."""
         sample = simulation.sample
@@ -196,13 +205,9 @@ class Health:
             states = asdict(self.states).items()
             values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
-        full = []
-        for wheel, speed in zip(simulation.scene.wheels, sample.wheel_speeds or (), strict=False):
+        for wheel, speed in self.hold_wheels(simulation):
             values[f"{wheel.name}: speed"] = f"{speed:.6g} rad/s"
-            if abs(speed) >= 0.95 * wheel.max_speed:
-                full.append((WARN, f"{wheel.name} turns with {speed:.4g} rad/s, its max_speed is {wheel.max_speed:g}"))
         wrong = [
-            *full,
             (ERROR, self._pause),
             (ERROR, self._failure),
             (WARN, self._warning or pacer.warning()),

@@ -19,6 +19,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.arrivals import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
+from rb_dynamics.run.scene_remarks import STREAM, TURN_SEEN, too_slow
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Epoch, Latency, Sink, StateChange
 from rb_dynamics.scene import parse_scene
@@ -116,7 +117,11 @@ class Runner:
         return self._scene
 
     def every_second(self) -> None:
-        """Let stamps follow ROS time if that was set anew, and tell once of each long wait for commands or a clock."""
+        """Let stamps follow ROS time if that was set anew, and tell of wheels near their limit and of long waits.
+
+        A wait for commands or a clock is told once.
+        """
+        self.health.hold_wheels(self.simulation)
         if isinstance(self.pacer, Pacer) and self.paced:
             self.pacer.correct()
         wait = ""
@@ -353,6 +358,7 @@ class Runner:
                 # It acts at its arrival: a stamped one for an earlier time must not undo it.
                 self._arrivals[topic].classify(max(time_ns, computed_ns), computed_ns)
         self.health.accepted(topic, arrival)
+        self._pace(topic, time_ns)
         if sent is not None:
             self._time(topic, sent, max(time_ns, computed_ns) - self._arrived_ns(age_ns))
         if self.lockstep and wrench.stamp_ns == 0 and arrival is Arrival.DUPLICATE:
@@ -399,8 +405,18 @@ class Runner:
             return
         self._latest_ns[topic] = time_ns
         self.health.accepted(topic, None)
+        self._pace(topic, time_ns)
         if clipped:
             self.health.clipped(topic)
+
+    def _pace(self, topic: str, time_ns: int) -> None:
+        """Warn of a stream of commands, the newest at `time_ns`, that is slower than the body turns."""
+        last_ns, slow = self._paces.get(topic, (time_ns, 0))
+        turn = self.simulation.rate * (time_ns - last_ns) / NANOSECONDS
+        slow = slow + 1 if turn > TURN_SEEN else 0
+        self._paces[topic] = time_ns, slow
+        if slow == STREAM:
+            self.health.warn(too_slow(topic, turn))
 
     def fail(self, message: str) -> None:
         """Pause because of an error."""
@@ -437,6 +453,8 @@ class Runner:
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
         self._latest_ns = dict.fromkeys((*self._topics, *(each.topic for each in self._scene.actuators)), 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
+        # Time of the newest command, and how many in a row came too late for how fast the body turns.
+        self._paces: dict[str, tuple[int, int]] = {}
         # Time to advance to, time computed so far, and how much to compute before checking the clock.
         self._goal_ns = self._reached_ns = 0
         self.steps_left = 0

@@ -1,13 +1,17 @@
-"""What is wrong with a scene and known before it runs, in full sentences: for `explain` and for the log of a run."""
+"""What is wrong with a scene or its commands, in full sentences: for `explain` and for the log of a run."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from itertools import pairwise
+from statistics import median
 
 from rb_dynamics.loads.wheel_set import shares
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import dot, norm
-from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.simulation import Command, Simulation
 from rb_dynamics.scene.model import Scene
 
 _NEAR = 0.8
@@ -16,6 +20,9 @@ _NEAR = 0.8
 TURN_SEEN = 0.5
 """Angle between samples (rad) beyond which a controller does not see how the body turns."""
 
+STREAM = 5
+"""At least this many commands of a topic are a stream."""
+
 _TURN_RESOLVED = math.pi
 """Angle (rad) by which an unbalanced wheel may turn in a step: there the motion is off by 1e-4 of what it causes."""
 
@@ -23,6 +30,28 @@ _TURN_RESOLVED = math.pi
 def scene_remarks(scene: Scene) -> list[str]:
     """Return the remarks; empty for most scenes."""
     return [*_wheels_too_full(scene), *_sensors_too_slow(scene), *_steps_too_long(scene)]
+
+
+def command_remarks(commands: Iterable[Command], rate: float) -> list[str]:
+    """Return which streams of commands are slower than a body that turns with `rate` (rad/s); none if all keep up."""
+    stamps: dict[str, list[int]] = {}
+    for topic, command in commands:
+        stamps.setdefault(topic, []).append(command.stamp_ns)
+    found = []
+    for topic, times in stamps.items():
+        if len(times) >= STREAM:
+            period_s = median(b - a for a, b in pairwise(sorted(times))) / NANOSECONDS
+            if rate * period_s > TURN_SEEN:
+                found.append(too_slow(topic, rate * period_s))
+    return found
+
+
+def too_slow(topic: str, turn: float) -> str:
+    """Return the remark on commands between which a body turns by `turn` rad."""
+    return (
+        f"{topic}: the body turns by {turn:.2g} rad from one command to the next, while the last is held; if a "
+        "controller sends them, raise its rate"
+    )
 
 
 def _wheels_too_full(scene: Scene) -> list[str]:

@@ -25,6 +25,7 @@ from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch, listed
+from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
@@ -44,7 +45,7 @@ from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
 from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.input_hash import RULE, InputHash
@@ -127,6 +128,8 @@ class Simulation:
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
+        # Wheels that have come near their largest speed, and when first.
+        self._full: dict[str, int] = {}
         self.continues = False
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
@@ -538,8 +541,31 @@ class Simulation:
                 self._write_sample()
             self._measure()
 
+    @property
+    def rate(self) -> float:
+        """Angular rate of the body at `time_ns`, rad/s."""
+        return norm(self._phase.angular_velocity)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What came near its limit so far, in full sentences."""
+        most = {wheel.name: wheel.max_speed for wheel in self.scene.wheels}
+        return [
+            f"{name} was near its max_speed of {most[name]:g} rad/s at {time_ns / NANOSECONDS:.9g} s, beyond which it "
+            "gives no torque"
+            for name, time_ns in self._full.items()
+        ]
+
+    def _look_at_wheels(self, wheels: WheelSet) -> None:
+        speeds = wheels.speeds(self._phase.angular_velocity, self._phase.inner)
+        for wheel, speed in zip(wheels.wheels, speeds, strict=True):
+            if abs(speed) >= NEAR_LIMIT * wheel.max_speed:
+                self._full.setdefault(wheel.name, self.time_ns)
+
     def _write_sample(self) -> None:
         """Pass to the sinks the state, and the wrenches that are changing gradually."""
+        if self._wheels is not None:
+            self._look_at_wheels(self._wheels)
         if self._sinks:
             self.write(self.sample)
             if self._channels.lag:
@@ -783,6 +809,8 @@ class Simulation:
 
     def _renew(self) -> None:
         """Begin a new arc at `time_ns`."""
+        if self._wheels is not None:
+            self._look_at_wheels(self._wheels)
         self._arc = self._new_arc(self.plan)
         self._steps_before, self._stale = self._steps, False
         self._searched_ns, self._switch_ns = -1, None
@@ -893,6 +921,7 @@ class Run:
         wall_time_s: s.
         rejected: the reason for each rejected command; the run continued without them.
         clipped: number of commands reduced by the limits of their channel.
+        remarks: what came near its limit, in full sentences.
     """
 
     sample: Sample
@@ -901,6 +930,7 @@ class Run:
     wall_time_s: float
     rejected: tuple[str, ...] = ()
     clipped: int = 0
+    remarks: tuple[str, ...] = ()
 
 
 def simulate(
@@ -958,7 +988,7 @@ def simulate(
     rejected += (
         f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back
     )
-    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped)
+    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(run.remarks))
 
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:

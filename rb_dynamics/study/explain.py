@@ -25,7 +25,7 @@ from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
-from rb_dynamics.run.scene_remarks import scene_remarks
+from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
 from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
@@ -182,7 +182,7 @@ def explain(
     commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
     number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
     length = measured_length(scene)
-    commands, remarks = probed(scene, commands, length)
+    given, (commands, remarks) = commands, probed(scene, commands, length)
     if rejected := post_all(Simulation(scene), commands):
         remarks.append(f"{len(rejected)} of {len(commands)} wrench commands were rejected; the first: {rejected[0]}")
     if scene.duration is None and scene.output_rate > 0.0:
@@ -196,7 +196,8 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
-    remarks += scene_remarks(scene)
+    fastest = max(norm(scene.initial.angular_velocity_body), norm(run.look().angular_velocity_body))
+    remarks += scene_remarks(scene) + run.remarks + command_remarks(given, fastest)
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run gets further in the same time.

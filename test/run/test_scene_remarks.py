@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+import rb_dynamics as rb
 from rb_dynamics.cli import main
 from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 SHAKEN = """
 body: {mass: 10, inertia: {diagonal: [0.1, 0.1, 0.1]}}
@@ -44,3 +46,44 @@ def test_simulate_and_explain_say_so(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "note: wheel turns by 6 rad in a step" in capsys.readouterr().err
     assert main(["explain", str(path)]) == 0
     assert "note: wheel turns by 6 rad in a step" in capsys.readouterr().out
+
+
+FULL = """
+body:
+  mass: 10
+  inertia: {diagonal: [0.05, 0.12, 0.14]}
+  frames: {jet: {position: [0, 0.1, 0], orientation: {x: 0, y: 0, z: 0, w: 1}}}
+initial: {angular_velocity_body: [0, 1.5, 0]}
+wrenches: []
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 1.0e-4, max_torque: 5.0e-3, max_speed: 60.0}
+  - {type: thruster, name: jet, frame: jet, force: 0.01, minimum_on: 0.01}
+duration: 6
+"""
+COMMANDS = [
+    ("wheel/command", rb.Setpoint(4e-3)),
+    *(("jet/command", rb.Setpoint(0.005 if k else 0.02, k * 10**9)) for k in range(5)),
+]
+
+
+def test_a_wheel_near_its_limit_an_on_time_too_short_and_slow_commands_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By simulate and by explain, of a bag."""
+    scene, bag = tmp_path / "scene.yaml", tmp_path / "bag.mcap"
+    scene.write_text(FULL, encoding="utf-8")
+    run = rb.simulate(scene, COMMANDS, [McapSink(bag)])
+    (remark,) = run.remarks
+    assert remark.startswith("wheel was near its max_speed of 60 rad/s at 1.")
+    near, slow = "note: wheel was near its max_speed", "note: jet/command: the body turns by 1."
+    assert main(["simulate", str(scene), "--wrench", str(bag)]) == 0
+    said = capsys.readouterr().err
+    assert near in said
+    assert slow in said
+    assert "4 of 6 wrench commands were rejected" in said
+    assert main(["explain", str(scene), "--wrench", str(bag)]) == 0
+    said = capsys.readouterr().out
+    assert near in said
+    assert slow in said
+    assert "4 of 6 wrench commands were rejected" in said
+    assert not rb.simulate(rb.parse_scene(FULL), COMMANDS[1:]).remarks

@@ -1,26 +1,30 @@
 """Tell before the runs whether a loop samples too slowly to be stable.
 
-For the laws of this package small motion about one principal axis is linear: theta' = w, I w' = u, with u = -k theta -
-d w sampled every T, acting a delay later and held, through a channel that may have a delay and a lag of its own. Each
-sample multiplies the state by a matrix; the motion grows if an eigenvalue has a magnitude above 1 (Astrom and
-Wittenmark, Computer-Controlled Systems, section 3.2). Any other law may keep state and see sensors, so its matrix is
-not known: run 0 is simulated with it, and again with half the period and delay. If a rate grows, and grows much less in
-the second run, the period is the cause.
+For the laws of this package small motion about rest is linear: theta' = w, I w' = h x w + u, with the momentum h of
+wheels and rotors at the start and u = -k theta - d w sampled every T, acting a delay later and held, through a channel
+that may have a delay and a lag of its own. Each sample multiplies the state by a matrix; the motion grows if an
+eigenvalue has a magnitude above 1 (Astrom and Wittenmark, Computer-Controlled Systems, section 3.2). Any other law may
+keep state and see sensors, so its matrix is not known: run 0 is simulated with it, and again with half the period and
+delay. If a rate grows, and grows much less in the second run, the period is the cause.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.scene_remarks import TURN_SEEN, scene_remarks
+from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, values_of
 from rb_dynamics.study.campaign.bodies import CHANNEL
 from rb_dynamics.study.campaign.control import DELAY, delay_ns
@@ -30,6 +34,7 @@ from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.user_functions import FunctionError
 
 if TYPE_CHECKING:
+    from rb_dynamics.numerics.arrays import Numbers
     from rb_dynamics.run.sample_arrays import Samples
 
 _GAINS: Mapping[str, tuple[str, str]] = {"rate_damping": ("", "gain"), "attitude_pd": ("proportional", "derivative")}
@@ -59,29 +64,52 @@ def remarks(campaign: Campaign) -> list[str]:
     if control is None:
         return found
     period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, {}) / NANOSECONDS
-    channel = next((each for each in base.channels if each.topic == CHANNEL), Channel(CHANNEL))
-    delay_s += channel.delay
     turn = norm(base.initial.angular_velocity_body) * period_s
     if turn > TURN_SEEN:
         found.append(
             f"the body turns by {turn:.2g} rad from one sample of the control law to the next; raise control.rate"
         )
-    lagging = f", followed with a lag of {channel.lag:g} s" if channel.lag else ""
     names = _GAINS.get(control.law)
     if names is None:
         return found + _tried(campaign, control)
+    if base.actuators:
+        found += _strain(campaign, _flown(campaign, control.period_ns))
+    # Wheels that give the torque are commanded themselves, not the channel.
+    channel = next((each for each in base.channels if each.topic == CHANNEL and not control.through), Channel(CHANNEL))
+    delay_s += channel.delay
+    lagging = f", followed with a lag of {channel.lag:g} s" if channel.lag else ""
     numbers = dict(control.numbers)
-    stiffness, damping = (numbers.get(f"control.parameters.{name}", 0.0) for name in names)
-    for moment in sorted(set(base.body.principal_moments)):
-        growth = growth_per_sample(stiffness / moment, damping / moment, period_s, delay_s, channel.lag)
-        if growth > 1.0 + 1e-9:
-            found.append(
-                f"{control.law} is unstable about the axis of {moment:.4g} kg m²: with a period of {period_s:g} s and "
-                f"a delay of {delay_s:g} s{lagging}, an error grows by a factor of {growth:.3g} per sample; lower the "
-                "gain or raise control.rate"
-            )
-            break
+    gains = tuple(numbers.get(f"control.parameters.{name}", 0.0) for name in names)
+    growth, where = _growth(base, gains, period_s, delay_s, channel.lag)
+    if growth > 1.0 + 1e-9:
+        found.append(
+            f"{control.law} is unstable {where}: with a period of {period_s:g} s and a delay of {delay_s:g} s"
+            f"{lagging}, an error grows by a factor of {growth:.3g} per sample; lower the gain or raise control.rate"
+        )
     return found
+
+
+def _growth(scene: Scene, gains: Sequence[float], period_s: float, delay_s: float, lag_s: float) -> tuple[float, str]:
+    """Return by how much small motion of a scene grows per sample, and where: about which axis it is unstable."""
+    import numpy as np
+
+    if not scene.wheels and scene.combined_effects.storing() is None:
+        for moment in sorted(set(scene.body.principal_moments)):
+            stiffness, damping = (gain / moment for gain in gains)
+            growth = growth_per_sample(stiffness, damping, period_s, delay_s, lag_s)
+            if growth > 1.0 + 1e-9:
+                return growth, f"about the axis of {moment:.4g} kg m²"
+        return 0.0, ""
+    whole = rotate_inverse(scene.initial.orientation_xyzw, Simulation(scene).sample.angular_momentum_world)
+    inertia = np.array(scene.body.inertia)
+    x, y, z = inside = np.array(whole) - inertia @ np.array(scene.initial.angular_velocity_body)
+    # Their motors turn the body without the wheels.
+    axes = [(wheel.inertia, np.array(wheel.axis) / norm(wheel.axis)) for wheel in scene.wheels]
+    each = np.linalg.inv(inertia - sum((j * np.outer(a, a) for j, a in axes), np.zeros((3, 3))))
+    turning = each @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    stiff, damped = ((gain * each).astype(np.float64) for gain in gains)
+    growth = growth_per_sample(stiff, damped, period_s, delay_s, lag_s, turning)
+    return growth, f"beside {np.linalg.norm(inside):.3g} N m s of wheels and rotors"
 
 
 class _EnoughError(Exception):
@@ -91,19 +119,20 @@ class _EnoughError(Exception):
 def _tried(campaign: Campaign, control: Control) -> list[str]:
     """Return what run 0, and run 0 with half the period and delay, say about the period."""
     period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, values_of(campaign, 0)) / NANOSECONDS
-    rates = _rates(_faster(campaign, control, delay_s, 1), control.period_ns)
+    flight = _flown(_faster(campaign, control, delay_s, 1), control.period_ns)
+    rates, strain = flight.rates, _strain(campaign, flight)
     away = _runs_away(rates, control.period_ns)
     if len(rates) < (_LEAST_AWAY if away else _LEAST_SAMPLES):
-        return []
+        return strain
     start, *_, end = _quarters(rates)
     if end < _GROWN * start:
-        return []
+        return strain
     for parts in _PARTS if away else _PARTS[:1]:
-        finer = _rates(_faster(campaign, control, delay_s, parts), control.period_ns, len(rates))
+        finer = _flown(_faster(campaign, control, delay_s, parts), control.period_ns, len(rates)).rates
         if len(finer) == len(rates) and end > _MORE * (most := max(_quarters(finer))):
             break
     else:
-        return []
+        return strain
     part = "half" if parts == 2 else f"1/{parts} of"
     told = (
         f"{control.law} depends on its period of {period_s:g} s: in the first {(len(rates) - 1) * period_s:g} s of run "
@@ -111,7 +140,7 @@ def _tried(campaign: Campaign, control: Control) -> list[str]:
         f"{most:.2g}; a torque that has to change within the period, such as a gyroscopic one, drives what it should "
         "damp while it is held: lower the gain, raise control.rate, or let actuators or effects of the scene give it"
     )
-    return [told]
+    return [*strain, told]
 
 
 def _faster(campaign: Campaign, control: Control, delay_s: float, parts: int) -> Campaign:
@@ -126,18 +155,56 @@ def _faster(campaign: Campaign, control: Control, delay_s: float, parts: int) ->
     return replace(campaign, control=replace(control, period_ns=period_ns, numbers=numbers), inputs=inputs)
 
 
-def _rates(campaign: Campaign, period_ns: int, most: int = _MOST_SAMPLES) -> list[float]:
-    """Return the angular rate (rad/s) of run 0 every period, at most until it runs away or fails."""
-    found: list[float] = []
+class _Flight(NamedTuple):
+    """What a trial flight of run 0 shows.
+
+    Attributes:
+        rates: angular rate every period, rad/s.
+        full: wheels that came near their `max_speed`, and when first, s.
+        rejected: number of rejected commands.
+    """
+
+    rates: list[float]
+    full: dict[str, float]
+    rejected: int
+
+
+def _flown(campaign: Campaign, period_ns: int, most: int = _MOST_SAMPLES) -> _Flight:
+    """Return what run 0 shows every period, at most until it runs away or fails."""
+    rates: list[float] = []
+    full: dict[str, float] = {}
+    rejected, wheels = 0, Scenes(campaign).base.wheels
 
     def watch(samples: Samples) -> None:
-        found.append(math.hypot(*samples.angular_velocity_body[0].tolist()))
-        if len(found) == most or _runs_away(found, period_ns):
+        nonlocal rejected
+        rates.append(math.hypot(*samples.angular_velocity_body[0].tolist()))
+        if wheels:
+            for wheel, speed in zip(wheels, samples.wheel_speeds[0].tolist(), strict=True):
+                if abs(speed) >= NEAR_LIMIT * wheel.max_speed:
+                    full.setdefault(wheel.name, float(samples.time_ns / NANOSECONDS))
+        rejected = int(samples.rejected_commands[0])
+        if len(rates) == most or _runs_away(rates, period_ns):
             raise _EnoughError
 
     # The row of a run that fails says why.
     with contextlib.suppress(_EnoughError, ConvergenceError, FunctionError, SceneError):
         simulate_alone(replace(campaign, observe_ns=period_ns, metrics=()), 0, watch=watch)
+    return _Flight(rates, full, rejected)
+
+
+def _strain(campaign: Campaign, flight: _Flight) -> list[str]:
+    """Return what actuators cannot do in run 0."""
+    speeds = {wheel.name: wheel.max_speed for wheel in Scenes(campaign).base.wheels}
+    found = [
+        f"{name} comes near its max_speed of {speeds[name]:g} rad/s in run 0, at {at:g} s, beyond which it gives no "
+        "torque; take momentum out otherwise, or allow it more speed"
+        for name, at in flight.full.items()
+    ]
+    if flight.rejected:
+        found.append(
+            f"{flight.rejected} commands are rejected in the first {len(flight.rates)} samples of run 0, such as an "
+            "on-time below minimum_on; --rerun 0 writes a log of which inspect tells more"
+        )
     return found
 
 
@@ -153,10 +220,18 @@ def _quarters(rates: list[float]) -> tuple[float, ...]:
     return tuple(math.hypot(*part) / math.sqrt(len(part)) for part in (*parts, rates[3 * size :]))
 
 
-def growth_per_sample(stiffness: float, damping: float, period_s: float, delay_s: float, lag_s: float = 0.0) -> float:
-    """Return the factor by which theta'' = -stiffness theta - damping theta' grows; 0 where the delay is too long.
+def growth_per_sample(
+    stiffness: float | Numbers,
+    damping: float | Numbers,
+    period_s: float,
+    delay_s: float,
+    lag_s: float = 0.0,
+    turning: float | Numbers = 0.0,
+) -> float:
+    """Return the factor by which theta'' = turning theta' - stiffness theta - damping theta' grows.
 
-    The right side is sampled every `period_s`, commanded `delay_s` later and held, and followed with a lag.
+    Numbers, or n x n matrices. What stiffness and damping give is sampled every `period_s`, commanded `delay_s` later
+    and held, and followed with a lag. 0 where the delay is too long to tell.
     """
     import numpy as np
     from scipy.linalg import expm
@@ -165,25 +240,28 @@ def growth_per_sample(stiffness: float, damping: float, period_s: float, delay_s
     waiting = int(whole) + 1
     if waiting > _MOST_WAITING:
         return 0.0
-    # theta, w and, with a lag, what acts; in time, the last column is what is commanded.
-    count = 3 if lag_s > 0.0 else 2
-    rates = np.zeros((count + 1, count + 1))
-    rates[0, 1] = rates[1, 2] = 1.0
+    stiffness, damping, turning = (np.atleast_2d(each) for each in (stiffness, damping, turning))
+    one, free = np.eye(n := len(stiffness)), not stiffness.any()
+    # theta, w and, with a lag, what acts; in time, the last columns are what is commanded.
+    count = 3 * n if lag_s > 0.0 else 2 * n
+    rates = np.zeros((count + n, count + n))
+    rates[:n, n : 2 * n] = rates[n : 2 * n, 2 * n : 3 * n] = one
+    rates[n : 2 * n, n : 2 * n] = turning
     if lag_s > 0.0:
-        rates[2, 2:] = -1.0 / lag_s, 1.0 / lag_s
+        rates[2 * n : 3 * n, 2 * n :] = np.hstack([-one, one]) / lag_s
     before, after = expm(part_s * rates)[:count], expm((period_s - part_s) * rates)[:count]
     # Behind them the commands of the last samples, newest first; the one that acts after `part_s` is `waiting` - 1
     # samples old, and the one before it acts until then.
-    size = count + waiting
-    command, states = np.zeros(size), np.eye(size)
-    command[:2] = -stiffness, -damping
-    new = command if waiting == 1 else states[size - 2]
+    size = count + waiting * n
+    command, states = np.zeros((n, size)), np.eye(size)
+    command[:, : 2 * n] = np.hstack([-stiffness, -damping])
+    new = command if waiting == 1 else states[size - 2 * n : size - n]
     matrix = np.zeros((size, size))
-    then = before[:, :count] @ states[:count] + np.outer(before[:, count], states[size - 1])
-    matrix[:count] = after[:, :count] @ then + np.outer(after[:, count], new)
-    matrix[count] = command
-    matrix[count + 1 :, count:-1] = np.eye(waiting - 1)
-    if stiffness == 0.0:
+    then = before[:, :count] @ states[:count] + before[:, count:] @ states[size - n :]
+    matrix[:count] = after[:, :count] @ then + after[:, count:] @ new
+    matrix[count : count + n] = command
+    matrix[count + n :, count:-n] = np.eye(size - count - n)
+    if free:
         # Without stiffness the attitude is free.
-        matrix = matrix[1:, 1:]
+        matrix = matrix[n:, n:]
     return float(np.abs(np.linalg.eigvals(matrix)).max())

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.stability import growth_per_sample, remarks
 
@@ -123,3 +125,69 @@ def test_a_held_gyroscopic_torque_that_drives_the_body_is_named(tmp_path: Path) 
     (told,) = remarks(read_campaign(write(tmp_path, LOOP.replace("gain: 0.0", "gain: 10.0"), BALL)))
     assert "with 1/8 of the period" in told
     assert remarks(read_campaign(write(tmp_path, LOOP.replace("gain: 0.0", "gain: -0.5"), BALL))) == []
+
+
+MOMENTUM_WHEEL = """\
+body: {mass: 10, inertia: {matrix: [[0.05, 0.001, 0], [0.001, 0.12, 0.002], [0, 0.002, 0.14]]}}
+initial: {angular_velocity_body: [1.0e-6, 2.0e-6, -1.0e-6]}
+wrenches: [{topic: control, delay: 3.0}]
+actuators:
+  - {type: reaction_wheel, name: x, axis: [1, 0, 0], inertia: 1.0e-3, max_speed: 300}
+  - {type: reaction_wheel, name: y, axis: [0, 1, 0.2], inertia: 1.0e-3, max_speed: 300, speed: SPEED}
+  - {type: reaction_wheel, name: z, axis: [0, 0, 1], inertia: 1.0e-3, max_speed: 300}
+duration: 40
+output_rate: 1
+"""
+THROUGH = """\
+scene: scene.yaml
+runs: 1
+seed: 7
+disperse: {control.delay: {choice: {values: [1.0]}}}
+control: {law: rate_damping, rate: 1, delay: 1.0, through: [x, y, z], parameters: {gain: 0.02}}
+metrics: {final_rate: {final: rate}}
+"""
+
+
+def test_a_momentum_wheel_counts_and_the_channel_of_a_torque_through_wheels_does_not(tmp_path: Path) -> None:
+    assert remarks(read_campaign(write(tmp_path, THROUGH, MOMENTUM_WHEEL.replace("SPEED", "0")))) == []
+    campaign = read_campaign(write(tmp_path, THROUGH, MOMENTUM_WHEEL.replace("SPEED", "100")))
+    (told,) = remarks(campaign)
+    assert told.startswith(
+        "rate_damping is unstable beside 0.1 N m s of wheels and rotors: with a period of 1 s and a "
+    )
+    assert "delay of 1 s, an error grows by a factor of 1.13 per sample" in told
+    rates: list[float] = []
+    campaign = replace(campaign, observe_ns=10**9, metrics=())
+    simulate_alone(campaign, 0, watch=lambda seen: rates.append(math.hypot(*seen.angular_velocity_body[0].tolist())))
+    assert (rates[40] / rates[20]) ** (1.0 / 20.0) == pytest.approx(1.13, abs=0.02)
+
+
+JETS_AND_WHEEL = """\
+body:
+  mass: 10
+  inertia: {diagonal: [0.05, 0.12, 0.14]}
+  frames: {jet: {position: [0, 0.1, 0], orientation: {x: 0, y: 0, z: 0, w: 1}}}
+wrenches: []
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 1.0e-4, max_torque: 5.0e-3, max_speed: 60.0}
+  - {type: thruster, name: jet, frame: jet, force: 0.01, minimum_on: 0.01}
+duration: 5
+"""
+ASKING_TOO_MUCH = """\
+import numpy as np
+
+
+def law(parameters):
+    return lambda measured: {
+        "wheel": np.full(len(measured.angular_velocity_body), 4e-3),
+        "jet": np.full(len(measured.angular_velocity_body), 0.005),
+    }
+"""
+
+
+def test_a_wheel_near_its_limit_and_rejected_commands_are_named(tmp_path: Path) -> None:
+    (tmp_path / "asking.py").write_text(ASKING_TOO_MUCH, encoding="utf-8")
+    loop = LOOP.replace("wheel_law.law", "asking.law").replace(", parameters: {gain: 0.0}", "")
+    near, rejected = remarks(read_campaign(write(tmp_path, loop, JETS_AND_WHEEL)))
+    assert near.startswith("wheel comes near its max_speed of 60 rad/s in run 0, at 2 s")
+    assert rejected.startswith("5 commands are rejected in the first 6 samples of run 0, such as an on-time below")
