@@ -26,7 +26,7 @@ PASSED, FAILED, ERROR = "passed", "FAILED", "error"
 
 @dataclass(frozen=True)
 class Row:
-    """What is said of one log.
+    """The result for one log.
 
     Attributes:
         path: as given, or as found.
@@ -140,7 +140,7 @@ def _say(text: str) -> None:
 def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = None) -> Iterator[Row]:
     """Yield what `work` makes of each log, in their order, from so many processes at a time.
 
-    A process that dies, for want of memory, takes its log alone with it.
+    A process that dies, for lack of memory, loses only its own log.
     """
     safely = partial(_row, work)
     jobs = min(jobs or cores(), len(logs))
@@ -160,7 +160,7 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
                 yield row
         waiting = waiting[done:]
         if waiting:
-            # One of those that ran is to blame: the first alone tells whether it is.
+            # One of those that ran is to blame: running the first alone shows whether it is that one.
             with _processes(1) as pool:
                 row = _result(pool.submit(safely, waiting[0]))
             yield row or _error(waiting[0], "the process that read it was killed, as for want of memory; try --jobs 1")

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     if args.beside:
         from rb_dynamics.numerics.compiling_beside import asked_for
 
-        # A cache that was deleted meanwhile nobody wants back.
+        # A cache that was deleted meanwhile is not made again.
         names = (name for name in asked_for() if name in kernels and cache_folder().is_dir())
     else:
         names = (name for name in args.names or kernels)

@@ -149,7 +149,7 @@ def _row(
     window: Window,
     target: Quaternion | None,
 ) -> Row:
-    """Return what is said of one of several logs."""
+    """Return the result for one of several logs."""
     from pathlib import Path
 
     from rb_dynamics.analysis.inspection import inspect

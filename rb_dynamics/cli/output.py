@@ -108,12 +108,12 @@ def _known(run: Run) -> dict[str, Any]:
 
 
 def written(name: str) -> str:
-    """Return what to say of an output that is done: a file, or what a viewer shows."""
+    """Return the message about a finished output: a file, or what a viewer shows."""
     return "shown in the Rerun viewer" if name == "spawn" or "://" in name else f"wrote {name}"
 
 
 def written_page(name: str) -> str:
-    """Return what to say of a page with figures that is done, and whether they are interactive."""
+    """Return the message about a finished page with figures, and whether they are interactive."""
     from rb_dynamics.report.interactive_plots import EXTRA, library
 
     interactive = f"pip install 'rb_dynamics[{EXTRA}]', or '.[{EXTRA}]' in the source tree, makes them interactive"

@@ -79,7 +79,7 @@ _COLUMNS = ("samples", "commands", "relative")
 
 
 def _row(log: str, *, bound: float) -> Row:
-    """Return what is said of one of several logs."""
+    """Return the result for one of several logs."""
     from rb_dynamics.cli.batch import FAILED, PASSED, Row
     from rb_dynamics.study.replay import replay
 

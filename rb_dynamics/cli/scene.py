@@ -124,7 +124,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
     actuators = [each.topic for each in scene.actuators]
     if repeated:
-        # By the log: a command took effect when it says, whatever its stamp is.
+        # In a log, a command took effect when the log says, whatever its stamp is.
         return scene, RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, actuators)
     commands = RecordedWrenches(
         args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, actuators

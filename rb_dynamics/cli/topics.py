@@ -37,7 +37,7 @@ def chosen_topics(args: argparse.Namespace) -> TopicChoice:
 
 
 def topics_of_two(args: argparse.Namespace) -> TopicChoice | tuple[TopicChoice, TopicChoice]:
-    """Return what the options say of both; of each, where one of them is given twice."""
+    """Return what the options say about both; about each, where one of them is given twice."""
     given = [found or [None] for found in (args.pose_topic, args.twist_topic, args.frames)]
     most = max(map(len, given))
     if most > 2:

@@ -33,15 +33,15 @@ OfPhase = Callable[[PhaseState], float]
 
 
 class LoadScales(NamedTuple):
-    """What effects tell about the load ahead; a field is None if they tell nothing.
+    """What effects say about the load ahead; a field is None if they say nothing.
 
     Attributes:
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
-        sight: for how long (s) the load in a phase is a guide to the load ahead.
+        sight: for how long (s) the load in a phase predicts the load ahead.
         strength: the sum of the magnitudes (N) of their forces in a phase.
         numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
         wheels: for kernels too, how wheels turn that act beside `numbers`, see `WheelSet.numbers`.
-        settled: when (s of the run) what acts gradually is over; infinite if nothing does.
+        settled: when (s of the run) the load stops changing gradually; infinite for other loads.
     """
 
     slowing: OfPhase | None = None
@@ -319,7 +319,7 @@ class Stepper:
         count: int,
         ahead: int,
     ) -> Progress | None:
-        """Return what a kernel for strides comes to; None if it is not worth compiling."""
+        """Return the result of a kernel for strides; None if it is not worth compiling."""
         acting, goal, learnt = (self._inertia, self._held), control.goal, control.learnt
         if self._effects and isinstance(control, AccuracyControl):
             learnt = control.guess(phase, self)
@@ -373,12 +373,12 @@ class Stepper:
         return 0.0 if self._scales.slowing is None else self._scales.slowing(phase)
 
     def sight(self, phase: PhaseState) -> float:
-        """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
+        """Return for how long (s) the load in `phase` predicts the load ahead."""
         return math.inf if self._scales.sight is None else self._scales.sight(phase)
 
     @property
     def settled(self) -> float:
-        """When (s of the run) what acts gradually is over: until then steps may be short; infinite if nothing does."""
+        """When (s of the run) the load stops changing gradually: until then steps may be short; inf for other loads."""
         return self._scales.settled
 
     def strength(self, phase: PhaseState) -> float:
@@ -409,7 +409,7 @@ class Stepper:
         return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
 
 
-# Each method that `auto` chooses among asks the same.
+# Each candidate of `auto` asks for the same.
 @lru_cache(maxsize=1)
 def _steady(load_from: LoadFrom, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
     """Return what `Stepper.steady` does."""

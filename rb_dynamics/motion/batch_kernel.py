@@ -304,7 +304,7 @@ class Mover:
         single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
         if single is not None:
             single(properties, *schedule, state, np.empty_like(state), trace, 0, 1)
-            # A number that is not finite stays so, so the last state tells.
+            # A number that is not finite stays so, so the last state shows it.
             good = intervals
             if len(_not_finite(trace[-1:])) > 0:
                 good = int(_not_finite(trace)[0])

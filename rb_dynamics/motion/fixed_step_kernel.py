@@ -70,7 +70,7 @@ WORTH_LOADING = 2_000
 # And for loading another.
 _WORTH_ANOTHER = 50
 
-# How often a kernel is asked for until it is looked whether another process has compiled it.
+# How often a kernel is asked for before it is checked whether another process has compiled it.
 _ASKS = 200
 
 # Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
@@ -249,12 +249,12 @@ class OnDemand:
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
         self._compiled: Native | None = None
         self._given_up = False
-        # How often it may still be asked for until it is looked for again.
+        # How often it may still be asked for before it is checked again.
         self._look_after = 0
 
     @property
     def name(self) -> str:
-        """What it is kept under."""
+        """The name under which it is kept."""
         return self._function.__name__
 
     def at_hand(self, missed: float) -> bool:

@@ -60,7 +60,7 @@ class Edges(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Where an arc stands, and on which grid.
+    """The present state of an arc, and its grid.
 
     Attributes:
         method: that moves the body.
@@ -92,7 +92,7 @@ class Standing(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """What lies behind an arc, and what decides how the next ones are propagated.
+    """The history of a run before an arc, and what decides how the next arcs are propagated.
 
     Attributes:
         history: without the arc itself.
@@ -112,7 +112,7 @@ class Arcs(NamedTuple):
 
 
 class Propagated(NamedTuple):
-    """What a propagation came to.
+    """The result of a propagation.
 
     Attributes:
         reason: why it ended: `DONE`, `CHOOSE` or `STOPPED`.

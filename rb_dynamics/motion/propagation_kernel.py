@@ -148,7 +148,7 @@ def _reach(
     steps: Callable[[Numbers, float, int], None],
     in_closed_form: Callable[[Numbers, float, int], None],
 ) -> bool:
-    """Leave the phase at `target` in `room`, from the last grid point; return whether it is one that can be kept."""
+    """Write the phase at `target` to `room`, from the last grid point; return whether it can be kept."""
     rest = (target - w[REACHED]) / (w[DENOMINATOR] * NANOSECONDS)
     _copy(f, 0, room, 0, CONSTANTS)
     _copy(f, GRID_POINT, room, CONSTANTS, PHASE)
@@ -236,7 +236,7 @@ def _held(rows: Numbers, k: int) -> HeldWrench:
 
 
 def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
-    """Go h s on in a motion that has a closed form; beyond its reach, to NaN."""
+    """Advance by h s in a motion that has a closed form; beyond its reach, to NaN."""
     (inertia, held), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
     velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
     q, omega = phase.orientation, phase.angular_velocity

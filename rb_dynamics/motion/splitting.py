@@ -62,7 +62,7 @@ def free_kick_free(free: tuple[float, ...], kicks: tuple[float, ...]) -> Stages:
 
 
 class StepStart(NamedTuple):
-    """StepStart of a step; `*_0` in the axes of R0, in which everything is computed."""
+    """Start of a step; `*_0` in the axes of R0, in which everything is computed."""
 
     inertia: Inertia
     held: HeldWrench

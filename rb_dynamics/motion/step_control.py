@@ -38,11 +38,11 @@ class Advance(Protocol):
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`."""
 
     def sight(self, phase: PhaseState) -> float:
-        """Return for how long (s) from `phase` on the load there is a guide to the load ahead."""
+        """Return for how long (s) the load in `phase` predicts the load ahead."""
 
     @property
     def settled(self) -> float:
-        """When (s of the run) what acts gradually is over; infinite if nothing does."""
+        """When (s of the run) the load stops changing gradually; infinite for other loads."""
 
     def strength(self, phase: PhaseState) -> float:
         """Return the sum of the magnitudes (N) of the forces in `phase`, which may cancel."""
@@ -336,7 +336,7 @@ class AccuracyControl:
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"of 1 ns has an error of {error:.3g}; {_TOO_FAST}"
             )
-        # The short steps of what acts gradually end with it.
+        # The short steps for a load that changes gradually end with it.
         lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
         _require_reachable(lasting, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt

@@ -116,7 +116,7 @@ def failure_of(name: str) -> str:
 
 
 def keep_failure(name: str, reason: str) -> None:
-    """Tell whoever asks `failure_of`."""
+    """Keep the reason for `failure_of`."""
     with contextlib.suppress(OSError):
         _kept_in(name).with_suffix(".failure").write_text(reason, encoding="utf-8")
 

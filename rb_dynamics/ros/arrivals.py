@@ -47,7 +47,7 @@ class Arrivals:
         return Arrival.ON_TIME if stamp_ns == now_ns else Arrival.LATE
 
     def hasten(self, by_ns: int) -> None:
-        """Let all stamps be this much earlier: time went on that was not simulated."""
+        """Make all stamps this much earlier: this time has passed without being simulated."""
         self._heap = [stamp_ns - by_ns for stamp_ns in self._heap]
         self._waiting = set(self._heap)
         if self._acted_ns is not None:

@@ -56,7 +56,7 @@ def _body(name: str, own: Mapping[str, object], others: Sequence[str]) -> RigidB
 
 
 def _asked() -> dict[str, object]:
-    """Return what the arguments say of logs, of which each body has its own, and of /clock, of which there is one."""
+    """Return what the arguments say about logs (each body has its own) and about /clock (there is one)."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
         return {

@@ -227,7 +227,7 @@ class Conformance(Node):
     def _patiently(
         self, settle: Callable[[int], None], name: str, accepted: float, commands: dict[str, tuple[str, Array, Array]]
     ) -> ConformanceResult:
-        """Compare once `settle` has let `commands` arrive; what fails is repeated with more time: it may be late."""
+        """Compare once `settle` has let `commands` arrive; a failed check is repeated with more time."""
         for patience in _SETTLING:
             settle(patience)
             found = self._watched(name, accepted, self._wrench_of(commands))

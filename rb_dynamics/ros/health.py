@@ -154,7 +154,7 @@ class Health:
         self._conditions[condition] = message
 
     def told(self, message: str) -> None:
-        """Log what was asked for and done; it is not a problem."""
+        """Log a request that was carried out; it is not a problem."""
         self._say(OK, message)
 
     def warn(self, message: str) -> None:

@@ -131,7 +131,7 @@ class RigidBodyNode(Node):
         _warm_up(scene)
         # Find invalid names and QoS before there is a log.
         self._losses = {topic: Losses() for topic in self._topics}
-        # Channels that are heard as Wrench without a stamp.
+        # Channels that are read as Wrench, without a stamp.
         self._plain: set[str] = set()
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         self._setpoint_subscriptions = {
@@ -154,7 +154,7 @@ class RigidBodyNode(Node):
         self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
         require_overridable(self, elsewhere, shared)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
-        # Nothing is looked for where nobody sends: it would cost 1 % of a processor at 1 kHz.
+        # Channels without publishers are not polled: it would cost 1 % of a processor at 1 kHz.
         self._state_senders = 0
         self._states = self.create_subscription(
             Odometry,
@@ -320,7 +320,7 @@ class RigidBodyNode(Node):
         )
 
     def _hear_best_effort(self) -> None:
-        """Replace the reader of a channel with a BEST_EFFORT publisher by one that hears that too.
+        """Replace the reader of a channel that has a BEST_EFFORT publisher by one that can receive from it.
 
         Readers ask for RELIABLE while they can, as a lost wrench is lost momentum. The earlier reader goes only a while
         after the new one has found every publisher: a publisher may find the reader later, and nothing may be lost.
@@ -347,7 +347,7 @@ class RigidBodyNode(Node):
                 self._losses[topic].forget()
 
     def _hear_types(self) -> None:
-        """Hear a channel as Wrench, without a stamp, if that is all that is published on it; warn of what is unheard.
+        """Read a channel as Wrench, without a stamp, if only that is published on it; warn of others.
 
         In one process a topic has one type.
         """
@@ -545,7 +545,7 @@ def _warm_up(scene: Scene) -> None:
 
 
 def _time_begins() -> None:
-    """From now on load what has been compiled, and compile nothing: it would hold the body up for seconds."""
+    """From now on load what has been compiled, and compile nothing: it would delay the body by seconds."""
     if os.environ.get(_COMPILE) == "always":
         os.environ[_COMPILE] = "cached"
 

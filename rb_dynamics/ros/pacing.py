@@ -49,7 +49,7 @@ class Pacer:
             self.offset_ns = self._ros_now() - time_ns
 
     def correct(self) -> None:
-        """Follow a ROS clock that was set to another time; the body does not move by that."""
+        """Follow a ROS clock that was set to another time; this does not move the body."""
         if self._ros_now is None or self.factor != 1.0:
             return
         time_ns = self._time_ns + time.monotonic_ns() - self._clock_ns
@@ -143,7 +143,7 @@ class ClockFollower:
         return self._time_ns
 
     def since(self, age_ns: int) -> int:
-        """Return 0: the clock tells nothing about the time between its messages."""
+        """Return 0: the clock says nothing about the time between its messages."""
         return 0
 
     def seconds_until(self, time_ns: int) -> float:

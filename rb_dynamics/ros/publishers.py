@@ -55,7 +55,7 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
-# s between two looks for readers.
+# s between two checks for readers.
 _LOOK = 0.005
 
 
@@ -99,11 +99,11 @@ class TopicSink:
             scene: that of the first run.
             topics: optional topics and depth.
             health: counts readers with incompatible QoS.
-            runner: tells stamps, without which nothing is published, and whether time is paused.
+            runner: gives stamps, without which nothing is published, and whether time is paused.
         """
         self._node, self._asked, self._health, self._runner = node, topics, health, runner
         self._newest: tuple[Sample, int] | None = None
-        # What is read, and when that was looked for, s.
+        # The topics that have readers, and when that was checked, s.
         self._read: list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]] = []
         self._looked = -math.inf
         self.publishers: list[Publisher] = []
@@ -169,7 +169,7 @@ class TopicSink:
     def _readers(self) -> list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]]:
         """Return how to publish and pack each topic that is read.
 
-        While time goes on by itself, readers are looked for every few milliseconds: at 1 kHz it would cost as much as
+        While time advances by itself, readers are checked every few milliseconds: at 1 kHz it would cost as much as
         the motion.
         """
         now = time.monotonic()

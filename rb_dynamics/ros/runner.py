@@ -30,7 +30,7 @@ LONGEST_WAIT = 0.05
 _LONGEST_BURST_NS = 5_000_000
 # A command this far from our time was most likely stamped by another clock.
 _FAR_NS = 10**6 * NANOSECONDS
-# Seconds after which a wait is told: a slow commander is not worth a line each time.
+# Seconds after which a wait is reported: a slow commander is not worth a line each time.
 _LONG_WAIT = 3
 
 
@@ -103,7 +103,7 @@ class Runner:
 
     @property
     def paced(self) -> bool:
-        """Whether time goes on as a clock does."""
+        """Whether time advances like a clock."""
         return not (self.stands_still or self._free_running)
 
     @property
@@ -271,7 +271,7 @@ class Runner:
         return f"simulation time {self.simulation.time_ns / 1e9:.9g} s (header.stamp {seconds_text(self.stamp_ns)} s)"
 
     def set_state(self, state: State) -> None:
-        """Move the body to `state` now; the run, its commands and its log go on.
+        """Move the body to `state` now; the run, its commands and its log continue.
 
         Raises:
             SceneError: the state is not valid.
@@ -324,7 +324,7 @@ class Runner:
 
     @property
     def times_commands(self) -> bool:
-        """Whether `command` is to be told when a command was sent."""
+        """Whether `command` needs the time at which a command was sent."""
         return self._mode.log_latency or self._mode.deadline_ns > 0
 
     def command(self, topic: str, wrench: Wrench, age_ns: int = 0, sent: tuple[int, int, int] | None = None) -> None:
@@ -381,7 +381,7 @@ class Runner:
             )
 
     def _time(self, topic: str, sent: tuple[int, int, int], waits_ns: int) -> None:
-        """Log how long a command was on its way, and hold it against the deadline."""
+        """Log the latency of a command, and check it against the deadline."""
         sent_ns, received_ns, number = sent
         factor = self.pacer.factor if isinstance(self.pacer, Pacer) else 1.0
         latency = Latency(
@@ -460,7 +460,7 @@ class Runner:
         self.steps_left = 0
         self._slice_ns = 1_000_000
         self._before_ns = before_ns
-        # Stamps that are simulation time count from the last reset: nothing to tell.
+        # Stamps that are simulation time count from the last reset: nothing to report.
         self._told_ns: int | None = before_ns
         self.pacer.begin(before_ns)
         self.simulation.start()
@@ -564,7 +564,7 @@ class Runner:
         return f", waits for a command on {oldest} with a header.stamp later than {seconds} s"
 
     def _tell_epoch(self) -> None:
-        """Tell the sinks how far stamps are ahead of simulation time, if that has changed."""
+        """Report to the sinks how far stamps are ahead of simulation time, if that has changed."""
         if self.pacer.offset_ns != self._told_ns and self.pacer.offset_ns is not None:
             self._told_ns = self.pacer.offset_ns
             self.simulation.write(Epoch(self.simulation.time_ns, self._told_ns))
@@ -585,7 +585,7 @@ class Runner:
             whole_slice = until - self._reached_ns == self._slice_ns
             self._reached_ns = max(self._reached_ns, until)
             before, now = now, time.monotonic_ns()
-            # MetricAccumulator the cost by whole slices only: an empty one says nothing.
+            # Measure the cost by whole slices only: an empty one says nothing.
             if whole_slice and now - before < _LONGEST_BURST_NS // 8:
                 self._slice_ns = min(2 * self._slice_ns, NANOSECONDS)
             elif now - before > _LONGEST_BURST_NS // 2:

@@ -279,7 +279,7 @@ def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
 
 
 def changed_state(parameters: Iterable[Parameter], state: State) -> State | None:
-    """Return `state` with what `parameters` set of it; None if they set nothing.
+    """Return `state` with the parts that `parameters` set; None if they set nothing.
 
     Raises:
         SceneError: a parameter is not a list of numbers.

@@ -10,7 +10,7 @@ from rb_dynamics.run.sink import Event, RunInfo, Sink
 
 
 class GuardedSink:
-    """Passes everything on until the sink behind it raises a `LogError`; keeps that as `error` and tells once."""
+    """Passes everything on until the sink behind it raises a `LogError`; keeps that as `error` and reports it once."""
 
     def __init__(
         self,

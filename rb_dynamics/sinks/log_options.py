@@ -55,7 +55,7 @@ class LogOptions:
 
     @property
     def names(self) -> list[str]:
-        """What is written to: files and folders, and the further sinks."""
+        """The outputs: files and folders, and the further sinks."""
         return [name for name in (self.mcap, self.bag, self.rerun, *self.named) if name]
 
     def sinks(self, namespace: str = "", remap: Mapping[str, str] | None = None) -> list[Sink]:

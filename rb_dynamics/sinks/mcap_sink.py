@@ -214,7 +214,7 @@ class McapSink:
             verify(self.path, self.counts())
 
     def _guarded(self, action: Callable[..., None], *arguments: object) -> None:
-        """Run what writes; where the disk fails, finish the file with what has room before the error goes on."""
+        """Run `action`, which writes; if the disk fails, finish the file with what fits, then raise the error."""
         with uninterrupted(), self._lock:
             if self._failure is not None:
                 raise self._failure
@@ -281,7 +281,7 @@ class McapSink:
         records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
         widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
         samples, width = np.concatenate(records, axis=1).tobytes(), widths[-1]
-        # For each event one piece, and two for a command: as it came and as it acts.
+        # For each event one piece, and two for a command: as received and as it acts.
         came, acts = self._framed_changes(changes)
         pieces, at, kinds = list[bytes](), list[int](), list[int]()
         change_times, channels = changes.time_ns.tolist(), changes.channel.tolist()
@@ -317,7 +317,7 @@ class McapSink:
         self._states.update_all(hashed[counted:])
 
     def _framed_changes(self, changes: Changes) -> tuple[list[bytes], list[bytes]]:
-        """Return the records of commands as they came, "" for a timeout, and as they act."""
+        """Return the records of commands as received, "" for a timeout, and as they act."""
         ids = [self._ids.get(topic) for topic in changes.topics]
         applied = [self._ids[topic + APPLIED] for topic in changes.topics]
         packers = [cdr.stamped_packer(WRENCH, frame) for frame in changes.frames]

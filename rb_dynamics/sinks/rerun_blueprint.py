@@ -36,7 +36,7 @@ def blueprint(
     """Return the layout with which the file opens: 3D and text at the left, plots at the right.
 
     Args:
-        poinsot_eye: how to look at the invariable plane; None for a body without one, a particle.
+        poinsot_eye: viewpoint on the invariable plane; None for a body without one, a particle.
         peaks: largest absolute value of each of `SERIES` so far, 0 before there are any.
         duration: of the run, s; None where it has no end yet.
         exponents: powers of ten that are the units of the plotted defects, as far as they are known.
@@ -114,7 +114,7 @@ def _eye(eye: Eye) -> rrb.EyeControls3D:
 
 
 def _as_they_arise(*entities: str) -> dict[EntityPath | str, VisualizerLike | Iterable[VisualizerLike]]:
-    """Return what lets a view show all that was logged of these entities up to the time cursor."""
+    """Return the setting with which a view shows everything logged of these entities up to the time cursor."""
     import rerun.blueprint as rrb
     from rerun import TimeRangeBoundary
 
@@ -178,7 +178,7 @@ def _plot(name: str, *entities: str, half_range: float | None = None) -> rrb.Tim
     import rerun.blueprint as rrb
     from rerun import TimeRange, TimeRangeBoundary
 
-    # Said, or a long run would show only what lies near the time cursor.
+    # Needed: a long run would otherwise show only what lies near the time cursor.
     whole_run = TimeRange(start=TimeRangeBoundary.infinite(), end=TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin="/",

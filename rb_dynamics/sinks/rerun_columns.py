@@ -38,10 +38,10 @@ def gather(rows: Sequence[KeptSample], series: Iterable[PlotLines]) -> Columns:
     """Return the rows as columns; there is at least one."""
     samples = [row.sample for row in rows]
     stamps = np.array([(row.sample.time_ns, row.index) for row in rows], dtype=np.int64)
-    # A log that is converted does not tell all.
+    # A log that is converted does not contain everything.
     told = [one for one in series if getattr(samples[0], one.attribute) is not None]
     values = {one.entity: _rectangle(samples, one) for one in told}
-    # A wrench is held for many samples: each is looked at once.
+    # A wrench is held for many samples: each is processed once.
     held = {id(row.held): row.held for row in rows}
     places = {key: place for place, key in enumerate(held)}
     place = np.fromiter((places[id(row.held)] for row in rows), dtype=np.intp, count=len(rows))

@@ -193,7 +193,7 @@ def wrench_lines(topic: str, frame_id: str, shade: int) -> rr.SeriesLines:
 
 
 def no_wrench_line() -> rr.SeriesLines:
-    """Return the looks of the line that stands where there was no force, or no torque."""
+    """Return the looks of the line that is shown where there was no force, or no torque."""
     import rerun as rr
 
     return rr.SeriesLines(names=["none"], colors=[GREY])
@@ -230,7 +230,7 @@ axis: a tip that starts near a crossing follows a line to the opposite one, and 
 
 
 def about(facts: Mapping[str, str], size: float, offset: Vector, scene: Scene) -> rr.TextDocument:
-    """Return what there is to see, and the facts; `offset` (m, world) was subtracted in the 3D views."""
+    """Return the text that explains the view, and the facts; `offset` (m, world) was subtracted in the 3D views."""
     import rerun as rr
 
     where = ""
@@ -247,7 +247,7 @@ def about(facts: Mapping[str, str], size: float, offset: Vector, scene: Scene) -
 
 
 def _spin(scene: Scene) -> str:
-    """Return what becomes of the spin with which the run starts, if nothing acts; "" for a body at rest."""
+    """Return what happens to the initial spin if nothing acts; "" for a body at rest."""
     if not any(scene.initial.angular_velocity_body):
         return ""
     from rb_dynamics.theory.poinsot import PolhodeKind, polhode

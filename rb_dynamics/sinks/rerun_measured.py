@@ -41,7 +41,7 @@ class Readings:
         self._waiting: dict[str, list[SensorValue]] = {}
 
     def take(self, event: Measurement, sample: int, attitude: Quaternion | None) -> None:
-        """Take what a sensor gave after `sample`, in which the body had `attitude`: of q and -q, the one near it."""
+        """Take a measurement made after `sample`, in which the body had `attitude`; q or -q, whichever is near it."""
         name = event.topic
         count = self._count[name]
         self._count[name] += 1
@@ -68,6 +68,6 @@ class Readings:
         return sum(map(len, self._waiting.values()))
 
     def fetch(self) -> dict[str, list[SensorValue]]:
-        """Return what has come since it was last called, by entity."""
+        """Return what has arrived since the last call, by entity."""
         fetched, self._waiting = self._waiting, {}
         return fetched

@@ -72,9 +72,9 @@ SPAWN = "spawn"
 
 # Where a viewer listens by default, and how long one may take to start, s.
 _PORT, _STARTS_S = 9876, 30.0
-# s for which a viewer may take nothing of what is sent; then the connection is closed, as Rerun would wait forever.
+# s for which a viewer may read nothing; then the connection is closed, as Rerun would wait forever.
 _VIEWER_S = 30.0
-# How often that is looked at in this time.
+# How often that is checked in this time.
 _LOOKS = 10
 # Bytes acknowledged and received, in the tcp_info of Linux.
 _BYTES, _BYTES_AT = struct.Struct("QQ"), 120
@@ -320,7 +320,7 @@ class Recorder:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
-        """Turn what Rerun and the file system complain of into a `LogError`."""
+        """Turn errors of Rerun and the file system into a `LogError`."""
         try:
             yield
         except (RuntimeError, OSError) as error:
@@ -378,7 +378,7 @@ class Recorder:
         self._send_arrow(layout.TORQUE, times, columns.torque_world)
 
     def _send_scaled_defects(self, times: list[rr.TimeColumn], values: Mapping[str, Array]) -> None:
-        """Send the defects once more, in units that the labels of a plot can show; the first rows tell which."""
+        """Send the defects once more, in units that the labels of a plot can show; the first rows show which."""
         for entity in layout.DEFECTS:
             if entity not in self.exponents and (reach := layout.half_range(self.peaks, entity)) > 0.0:
                 self.exponents[entity] = math.floor(math.log10(reach))
@@ -447,7 +447,7 @@ class Recorder:
         self.stream.log(_wrench_entity(part), looks, static=True)
 
     def _send_no_wrench(self, kind: str) -> None:
-        """Say by a line at zero that there was none, where the plot would be empty."""
+        """Show by a line at zero that there was none, where the plot would be empty."""
         self.stream.log(f"{kind}/none", layout.no_wrench_line(), static=True)
         times = _times([self.start_ns, self.time_ns], [0, self.rows.newest])
         self._send_scalars(f"{kind}/none", times, np.zeros((2, 1)))
@@ -520,10 +520,10 @@ def require_viewer(address: str) -> None:
 
 @contextlib.contextmanager
 def sending_to(address: str) -> Iterator[None]:
-    """Close the connections to a viewer that takes nothing: nothing else ends Rerun's waiting. A file ("") has none.
+    """Close the connections to a viewer that reads nothing: nothing else ends Rerun's waiting. A file ("") has none.
 
-    One that is slow may take as long as it needs. Only Linux tells whether bytes move: elsewhere, the time is for all.
-    What is computed within counts as time in which it takes nothing, so that little should be.
+    One that is slow may take as long as it needs. Only Linux shows whether bytes move: elsewhere, the time is for all.
+    Computing in between counts as time in which it reads nothing, so there should be little of it.
 
     Raises:
         LogError: that happened.
@@ -535,7 +535,7 @@ def sending_to(address: str) -> Iterator[None]:
 
     def watch() -> None:
         moved, looks = 0, 0
-        # Counted in looks: a process that was stopped for a while has not looked.
+        # Counted in checks: a process that was stopped for a while has not checked.
         while not done.wait(_VIEWER_S / _LOOKS):
             now = _moved(address)
             moved, looks = now, 0 if now != moved else looks + 1
@@ -571,7 +571,7 @@ def _close_connections(address: str) -> None:
 
 
 def _moved(address: str) -> int:
-    """Return how many bytes the server at `address` has acknowledged and sent; 0 where the system does not tell."""
+    """Return how many bytes the server at `address` has acknowledged and sent; 0 where the system does not show it."""
     total = 0
     for connection in _connections(address):
         with connection, contextlib.suppress(OSError, struct.error):

@@ -48,7 +48,7 @@ class BagSink:
         self._namespace, self._remap, self._settings = namespace, remap, settings or LogSettings()
         self._sink: McapSink | None = None
         self._files: list[BagFile] = []
-        # A later file may have a topic that the first has not.
+        # A later file may have a topic that the first does not have.
         self._channels: dict[str, McapChannel] = {}
         self._end_ns: int | None = None
         self._epoch: Epoch | None = None
@@ -76,7 +76,7 @@ class BagSink:
         """
         assert self._sink is not None, "open comes first"
         if isinstance(event, Sample) and self._full(event.time_ns):
-            # What is in whole files is proven, however the next one ends.
+            # What is in whole files is safe, however the next one ends.
             self._sink.flush()
             self._end_file({CONTINUES_IN: self._name(len(self._files))})
             self._begin_file(event.time_ns)

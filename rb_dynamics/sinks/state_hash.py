@@ -90,7 +90,7 @@ def hashed_rows(samples: Sample) -> npt.NDArray[np.uint8]:
 
 
 class HashSink:
-    """Keeps nothing of a run but the hash of its samples: what a log of the same run has as `states_sha256`."""
+    """Keeps only the hash of the samples of a run, which a log of the same run has as `states_sha256`."""
 
     def __init__(self) -> None:
         """Begin with no sample."""
