@@ -12,6 +12,8 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `effects`: COUNT runs (default 500) of that with one effect, against the same runs without.
 `accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
     alone, in turn.
+`satellite`: COUNT runs (default 20) of 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and
+    star tracker at 2 Hz, attitude_pd, gravity gradient; Basilisk as for `peer`, with steps of 0.1 s.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -55,6 +57,45 @@ disperse:
   body.inertia: {{second_moments: 0.15, axes: 0.05}}
 control: {{law: rate_damping, rate: {rate}, parameters: {{gain: {gain}}}}}
 metrics: {{final_rate: {{final: rate}}}}
+"""
+
+MU, ORBIT = 3.986004418e14, (6878137.0, 7612.6)
+SATELLITE_MOMENTS, WHEEL, FASTEST = (0.05, 0.12, 0.14), 3e-5, 600.0
+COULOMB, VISCOUS, MOST_TORQUE = 2e-6, 1e-8, 2e-3
+STIFFNESS, DAMPING, GYRO_NOISE, TRACKER_NOISE = 0.002, 0.02, 1e-4, 1e-4
+PEER_STEP = 0.1
+_WHEEL = f"inertia: {WHEEL}, max_torque: {MOST_TORQUE}, max_speed: {FASTEST}"
+_FRICTION = f"friction: {{coulomb: {COULOMB}, viscous: {VISCOUS}}}"
+SATELLITE = f"""\
+body: {{mass: 10.0, inertia: {{diagonal: {list(SATELLITE_MOMENTS)}}}}}
+initial: {{position_world: [{ORBIT[0]}, 0, 0], linear_velocity_world: [0, 0, {ORBIT[1]}],
+  angular_velocity_body: [0, 0, 0]}}
+wrenches: []
+effects: [{{type: central_gravity, gravitational_parameter: {MU}, gravity_gradient: true}}]
+actuators:
+  - {{type: reaction_wheel, name: x, axis: [1, 0, 0], {_WHEEL}, {_FRICTION}}}
+  - {{type: reaction_wheel, name: y, axis: [0, 1, 0], {_WHEEL}, {_FRICTION}}}
+  - {{type: reaction_wheel, name: z, axis: [0, 0, 1], {_WHEEL}, {_FRICTION}}}
+sensors:
+  - {{type: imu, name: imu, rate: 2.0, gyro: {{noise_density: {GYRO_NOISE}}}}}
+  - {{type: star_tracker, name: tracker, rate: 2.0, noise: {TRACKER_NOISE}}}
+solver: {{accuracy: 1.0e-6}}
+output_rate: 2.0
+"""
+SATELLITES = """\
+scene: scene.yaml
+set: {{duration: {end}}}
+runs: {runs}
+sampling: random
+disperse:
+  initial.angular_velocity_body: {{normal: {{deviation: 0.01}}}}
+  body.inertia: {{second_moments: 0.05, axes: 0.02}}
+control:
+  law: attitude_pd
+  rate: 2
+  through: [x, y, z]
+  parameters: {{proportional: {stiffness}, derivative: {damping}}}
+metrics: {{final_rate: {{final: rate}}, pointing: {{final: attitude}}}}
 """
 
 
@@ -257,6 +298,32 @@ def beside(runs: int, python: str) -> None:
         print(f"ratio        {theirs / ours:9.1f}   largest difference of final rates {worst:.1e} rad/s")
 
 
+def satellite(runs: int, python: str) -> None:
+    from rb_dynamics.study.campaign.block_of_runs import simulate_block
+    from rb_dynamics.study.campaign.read import read_campaign
+
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "scene.yaml").write_text(SATELLITE)
+        text = SATELLITES.format(end=END, runs=max(runs, 2), stiffness=STIFFNESS, damping=DAMPING)
+        Path(folder, "campaign.yaml").write_text(text)
+        found = read_campaign(Path(folder, "campaign.yaml"))
+        rows = simulate_block(found, 0, runs, 1)
+        ours = seconds(lambda: simulate_block(found, 0, runs, 1)) / runs
+    tasks = {"spins": [rows[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
+    tasks["inertias"] = _inertias(found, runs)
+    answer = subprocess.run(
+        [python, __file__, "basilisk_satellite"], input=json.dumps(tasks), capture_output=True, text=True, check=True
+    )
+    peer = json.loads(answer.stdout.splitlines()[-1])
+    theirs = min(peer["times"])
+    rates = {"rb_dynamics": rows["final_rate"].tolist(), "Basilisk": peer["final_rates"]}
+    print(f"rb_dynamics  {ours * 1e3:9.3f} ms a run")
+    print(f"Basilisk     {theirs * 1e3:9.3f} ms a run ({peer['version']})")
+    print(f"ratio        {theirs / ours:9.3f}")
+    for name, final in rates.items():
+        print(f"{name:<12} median of the final rates {sorted(final)[runs // 2]:.2e} rad/s (other noise)")
+
+
 def under_effects(runs: int) -> None:
     from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
@@ -353,6 +420,92 @@ def basilisk(tasks: Any) -> Any:
     return {"times": times, "final_rates": rates, "version": f"Basilisk {Basilisk.__version__}"}
 
 
+def basilisk_satellite(tasks: Any) -> Any:
+    """Simulate the satellites with Basilisk, all modules compiled: navigation with noise, a PD law, wheels."""
+    import Basilisk
+    import numpy as np
+    from Basilisk.architecture import bskLogging, messaging
+    from Basilisk.fswAlgorithms import attTrackingError, inertial3D, mrpPD, rwMotorTorque
+    from Basilisk.simulation import (
+        GravityGradientEffector,
+        reactionWheelStateEffector,
+        simpleNav,
+        spacecraft,
+        svIntegrators,
+    )
+    from Basilisk.utilities import SimulationBaseClass, macros, simIncludeGravBody, simIncludeRW
+
+    bskLogging.setDefaultLogLevel(bskLogging.BSK_ERROR)
+
+    def fly(spin: list[float], inertia: list[list[float]], seed: int) -> float:
+        simulation = SimulationBaseClass.SimBaseClass()
+        process = simulation.CreateNewProcess("process")
+        process.addTask(simulation.CreateNewTask("control", macros.sec2nano(SAMPLE)), 10)
+        process.addTask(simulation.CreateNewTask("motion", macros.sec2nano(PEER_STEP)), 1)
+        craft = spacecraft.Spacecraft()
+        craft.hub.mHub, craft.hub.IHubPntBc_B = 10.0, inertia
+        craft.hub.omega_BN_BInit = [[c] for c in spin]
+        craft.hub.r_CN_NInit, craft.hub.v_CN_NInit = [[ORBIT[0]], [0.0], [0.0]], [[0.0], [0.0], [ORBIT[1]]]
+        craft.setIntegrator(svIntegrators.svIntegratorRK4(craft))
+        bodies = simIncludeGravBody.gravBodyFactory()
+        earth = bodies.createEarth()
+        earth.isCentralBody = True
+        bodies.addBodiesTo(craft)
+        gradient = GravityGradientEffector.GravityGradientEffector()
+        gradient.addPlanetName(earth.planetName)
+        craft.addDynamicEffector(gradient)
+        wheels, effector = simIncludeRW.rwFactory(), reactionWheelStateEffector.ReactionWheelStateEffector()
+        wear = {"useRWfriction": True, "fCoulomb": COULOMB, "fStatic": COULOMB, "cViscous": VISCOUS, "betaStatic": 1e-3}
+        for k in range(3):
+            axis = [float(k == i) for i in range(3)]
+            wheels.create("custom", axis, Js=WHEEL, Omega_max=FASTEST * 30.0 / math.pi, u_max=MOST_TORQUE, **wear)
+        wheels.addToSpacecraft("wheels", effector, craft)
+        sense, guide = simpleNav.SimpleNav(), inertial3D.inertial3D()
+        deviations = np.zeros(18)
+        # Its errors walk within bounds. Attitude in MRP, a quarter of an angle.
+        deviations[6:9], deviations[9:12] = TRACKER_NOISE / 4.0, GYRO_NOISE * math.sqrt(2.0)
+        sense.PMatrix, sense.walkBounds = np.diag(deviations).tolist(), (2.0 * deviations)[:, None].tolist()
+        sense.RNGSeed = seed
+        sense.crossAtt = sense.crossTrans = False
+        error, law, share = attTrackingError.attTrackingError(), mrpPD.mrpPD(), rwMotorTorque.rwMotorTorque()
+        law.K, law.P = 4.0 * STIFFNESS, DAMPING
+        share.controlAxes_B = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+        configuration = messaging.VehicleConfigMsgPayload(ISCPntB_B=[x for row in inertia for x in row])
+        vehicle, parameters = messaging.VehicleConfigMsg().write(configuration), wheels.getConfigMessage()
+        sense.scStateInMsg.subscribeTo(craft.scStateOutMsg)
+        error.attNavInMsg.subscribeTo(sense.attOutMsg)
+        error.attRefInMsg.subscribeTo(guide.attRefOutMsg)
+        law.guidInMsg.subscribeTo(error.attGuidOutMsg)
+        law.vehConfigInMsg.subscribeTo(vehicle)
+        share.vehControlInMsg.subscribeTo(law.cmdTorqueOutMsg)
+        share.rwParamsInMsg.subscribeTo(parameters)
+        effector.rwMotorCmdInMsg.subscribeTo(share.rwMotorTorqueOutMsg)
+        for module in (sense, guide, error, law, share):
+            simulation.AddModelToTask("control", module)
+        for module in (craft, effector, gradient):
+            simulation.AddModelToTask("motion", module)
+        simulation.InitializeSimulation()
+        simulation.ConfigureStopTime(macros.sec2nano(END))
+        simulation.ExecuteSimulation()
+        return math.hypot(*(c[0] for c in craft.dynManager.getStateObject("hubOmega").getState()))
+
+    spins = list(zip(*tasks["spins"], strict=True))
+    times, rates = [], []
+    fly(list(spins[0]), tasks["inertias"][0], 1)
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        rates = [
+            fly(list(spin), inertia, 1 + k)
+            for k, (spin, inertia) in enumerate(zip(spins, tasks["inertias"], strict=True))
+        ]
+        times.append((time.process_time() - begin) / len(spins))
+    return {"times": times, "final_rates": rates, "version": f"Basilisk {Basilisk.__version__}"}
+
+
+PEERS = {"basilisk": basilisk, "basilisk_satellite": basilisk_satellite}
+"""What runs in the interpreter of Basilisk."""
+
+
 def memory() -> None:
     from rb_dynamics.study.campaign.block_of_runs import simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
@@ -371,7 +524,7 @@ def memory() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=("runs", "workers", "limits", "peer", "effects", "accuracy", "memory", "basilisk")
+        "what", choices=("runs", "workers", "limits", "peer", "effects", "accuracy", "memory", "satellite", *PEERS)
     )
     parser.add_argument("count", nargs="?", type=int)
     parser.add_argument("--basilisk", default=sys.executable, metavar="PYTHON")
@@ -388,10 +541,12 @@ def main() -> None:
         under_effects(args.count or 500)
     elif args.what == "accuracy":
         by_accuracy(args.count or 200)
+    elif args.what == "satellite":
+        satellite(args.count or 20, args.basilisk)
     elif args.what == "memory":
         memory()
     else:
-        print(json.dumps(basilisk(json.load(sys.stdin))))
+        print(json.dumps(PEERS[args.what](json.load(sys.stdin))))
 
 
 if __name__ == "__main__":
