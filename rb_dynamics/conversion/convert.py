@@ -55,7 +55,7 @@ _TIMES = ("time_ns", "time_s")
 _BATCH = 10_000
 _TO_CONVERT = "converted, as nothing says which of its topics are the samples of one body"
 
-# Units of the columns of samples, by how their names begin.
+# Units of the columns of samples, by the beginning of their names.
 _UNITS = {
     "time_ns": "ns",
     "position": "m",
@@ -83,7 +83,7 @@ _COMMAND_COLUMNS = (
 
 
 class Written(NamedTuple):
-    """A table that was written: the file, how many rows it has, and what they are."""
+    """A table that was written: the file, the number of its rows, and what they are."""
 
     path: Path
     rows: int
@@ -99,7 +99,7 @@ _MOTIONS = {*POSES, *TWISTS, *IMUS}
 
 @dataclass(frozen=True)
 class _Input:
-    """A log or bag that has been read through: what it is, and the type of each topic."""
+    """A log or bag that has been read through: its kind, and the type of each topic."""
 
     path: Path
     source: Source
@@ -306,7 +306,7 @@ def log_to_rerun(
 
 
 def merge_bags(paths: Sequence[Path], target: Path, window_s: Window = _WHOLE) -> tuple[Written, list[str]]:
-    """Write bags, or a part of one, to one MCAP file, which is a bag and no run; returns remarks, too.
+    """Write bags, or a part of one, to one MCAP file, which is a bag and not a log of a run; returns remarks, too.
 
     `window_s` counts from the first message of a motion in any of them; with a log of this package, from its time 0.
 
@@ -393,7 +393,7 @@ def table_to_bag(table: Path, target: Path) -> int:
 
 
 def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
-    """Yield channel and command of each row; warn of those that no run takes."""
+    """Yield channel and command of each row; warn of those that no run accepts."""
     odd: list[str] = []
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
@@ -413,7 +413,7 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                 )
             for row in reader:
                 where = f"{table}, line {reader.line_num}"
-                # A decimal comma makes a cell too many, and shifts all that follow.
+                # A decimal comma adds a cell, and shifts all that follow.
                 if None in row or None in row.values():
                     raise LogError(
                         f"{where}: found {'more' if None in row else 'fewer'} cells than the {len(found)} columns, "
@@ -475,7 +475,7 @@ def _events(
             yield message
 
     for row in rows(scene, names, noted()):
-        # A change at the time of a sample comes behind it.
+        # A change at the time of a sample comes after it.
         before = [change for change in changes if change.time_ns < row.time_ns]
         yield from before
         del changes[: len(before)]
@@ -484,7 +484,7 @@ def _events(
 
 
 def _part(events: Iterator[SampleRow | AppliedWrench], span: Span) -> Iterator[SampleRow | AppliedWrench]:
-    """Yield the events of a part of the time, with what is held when it begins."""
+    """Yield the events of a part of the time, beginning with the wrenches held at its start."""
     held: dict[str, AppliedWrench] = {}
     for event in events:
         if event.time_ns in span:

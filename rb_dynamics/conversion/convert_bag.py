@@ -160,7 +160,7 @@ class Poses(NamedTuple):
     values: Values
 
     def rows(self, source: str) -> Rows:
-        """Return the rows of a table; what is composed of several messages has no log time."""
+        """Return the rows of a table; rows composed of several messages have no log time."""
         count = len(self.stamps)
         texts = (source, self.topics, TRANSFORM, *self.frames)
         return [*([text] * count for text in texts), [None] * count, self.stamps.tolist(), *self.values.T.tolist()]
@@ -186,7 +186,7 @@ Skip = Callable[[Path, LogError], None]
 
 @dataclass
 class _Unread:
-    """The messages of one topic that cannot be read, among those met so far: their number, the first, what is wrong."""
+    """The messages of one topic that cannot be read, among those met so far: their number, the first, and its fault."""
 
     met: int = 0
     damaged: int = 0
@@ -216,7 +216,7 @@ def messages_of(
         topics: names of those that are wanted; all, if empty.
         span: log times that are wanted.
         covariances: whether they are wanted, too.
-        skip: told, at the end, of each topic with damaged messages, which are left out; without it, or if no other
+        skip: called, at the end, with each topic with damaged messages, which are left out; without it, or if no other
             message is wanted, they are an error.
 
     Raises:
@@ -310,7 +310,7 @@ def quantities_of(
 
     Args:
         kinds: type of each topic.
-        where: what an error calls the bags.
+        where: the name of the bags in error messages.
         topics: those that are wanted; all, if empty.
         covariances: whether they are wanted, too.
 

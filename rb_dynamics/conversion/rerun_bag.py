@@ -86,7 +86,7 @@ class _Recorder:
             self.stream.send_columns(f"{entity}/body", columns, poses, strict=True)
 
     def end(self) -> None:
-        """Send the path of each topic that has one, as long as its bodies are to be seen beside it."""
+        """Send the path of each topic that has one, with body axes long enough to be seen beside it."""
         import rerun as rr
 
         for topic, path in self.paths.items():
@@ -99,7 +99,7 @@ class _Recorder:
                 self.stream.log(f"{entity}/body", rr.TransformAxes3D(0.1 * extent or 1.0), static=True)
 
     def _describe(self, entity: str, messages: Messages) -> None:
-        """Send what does not change: names with units, and where the numbers come from."""
+        """Send what does not change: names with units, and the origin of the numbers."""
         import rerun as rr
 
         frame, child = next(iter(messages.frames), (None, None)) if messages.frames else (None, None)

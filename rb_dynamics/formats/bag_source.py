@@ -32,7 +32,7 @@ from rb_dynamics.formats.mcap_records import (
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, load
 
-# So much is given to zstd at once.
+# Bytes given to zstd at once.
 _PACKED_BYTES = 4096
 
 
@@ -47,7 +47,7 @@ class FileBoundary:
 
 
 class Source(Protocol):
-    """A bag, as `McapFile` is one: what stands below `path` is there when `messages` or `blocks` has run."""
+    """A bag, like `McapFile`: the attributes after `path` are complete when `messages` or `blocks` has run."""
 
     path: Path
     complete: bool
@@ -56,7 +56,7 @@ class Source(Protocol):
 
     @property
     def channels(self) -> Mapping[Any, McapChannel]:
-        """Channels, by whatever tells them apart."""
+        """Channels, by whatever distinguishes them."""
 
     def messages(self) -> Iterator[Message]:
         """Yield every message in the order of the bag."""
@@ -99,8 +99,8 @@ def _opened(path: Path, part: bool = False, on_fact: OnFact | None = None) -> Mc
 class SplitBag:
     """Several files that are one bag, read one after the other.
 
-    Of facts of one name the later is kept, and the result is that of the last file, as no other is the end. What was
-    lost is all told; what an earlier file lacks at its end, and a file that is not there, are a piece that is missing
+    Of facts of one name the later is kept, and the result is that of the last file, as no other is the end. All losses
+    are reported; what an earlier file lacks at its end, and a file that is not there, count as a piece that is missing
     in between.
 
     Attributes:
@@ -198,7 +198,7 @@ def _cut(file: _File) -> bool:
 
 
 def _boundary(before: _File, after: _File) -> list[FileBoundary]:
-    """Return how `after` follows `before`, where nothing is known to be missing between them."""
+    """Return how `after` follows `before`, if nothing is known to be missing between them."""
     absent = next_file(before.metadata) not in ("", after.path.name)
     if before.span_ns is None or after.span_ns is None or absent or _cut(before):
         return []
@@ -212,12 +212,12 @@ def _between(before: _File, after: _File, lost: dict[str, str]) -> dict[str, str
     if not (absent or _cut(before)):
         return lost
     hole = {"missing_ns": f"{before.span_ns[1]} {after.span_ns[0]}"} if before.span_ns and after.span_ns else {}
-    # Seen from the whole bag that was no end: what comes later is there.
+    # For the whole bag this was not the end: later messages are there.
     return {**_joined(lost, {**hole, **absent}), "reason": DAMAGED}
 
 
 def _joined(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
-    """Return what was lost in both of two files of a bag; of facts that are one thing the later."""
+    """Return what was lost in two files of a bag; of facts about the same thing the later."""
     lists = {"reason": " and ", "missing_ns": ", ", MISSING_FILES: ", "}
     texts = {key: [each[key] for each in (one, other) if each.get(key)] for key in lists}
     return {**one, **other, **{key: lists[key].join(dict.fromkeys(found)) for key, found in texts.items() if found}}
@@ -292,7 +292,7 @@ def _unreadable(path: Path, error: Exception) -> LogError:
 
 
 def _name(found: object) -> str:
-    """Return a name as it stands in a bag.
+    """Return a name as recorded in a bag.
 
     Raises:
         TypeError: it is not text.
@@ -322,7 +322,7 @@ def _files(folder: Path) -> tuple[str, list[Path]]:
 
 @dataclass(frozen=True)
 class BagFacts:
-    """What the `metadata.yaml` of a bag says.
+    """The content of the `metadata.yaml` of a bag.
 
     Attributes:
         compression: "none", "file" or "message".
@@ -336,7 +336,7 @@ class BagFacts:
 
 
 def bag_facts(folder: Path) -> BagFacts:
-    """Return what the metadata of a bag say.
+    """Return the content of the metadata of a bag.
 
     Raises:
         FileNotFoundError: it has none.
@@ -344,7 +344,7 @@ def bag_facts(folder: Path) -> BagFacts:
     """
     path = folder / METADATA_FILE
     try:
-        # One byte more than the longest text that is read: then it is too long, whatever is behind.
+        # One byte more than the longest text that is read: if it is there, the text is too long.
         with path.open("rb") as file:
             data = file.read(4 * MAX_CHARACTERS + 1)
         document: Any = load(data.decode("utf-8"), METADATA_FILE, "list of the files of a bag")
@@ -368,7 +368,7 @@ def _file_name(path: str) -> str:
     """Return the name of a file without its folder.
 
     Raises:
-        ValueError: no file has such a name.
+        ValueError: a file cannot have such a name.
     """
     if "\0" in path:
         raise ValueError(f"the name {path!r} of a file")

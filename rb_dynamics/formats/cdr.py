@@ -47,7 +47,7 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": (*_HEADER, 7, 36),
     "geometry_msgs/msg/TwistWithCovarianceStamped": (*_HEADER, 6, 36),
     "geometry_msgs/msg/TransformStamped": (*_HEADER, STRING, 7),
-    # Element 0 of a covariance stands apart: -1 there means that nothing was measured.
+    # Element 0 of a covariance is special: -1 there means that nothing was measured.
     "sensor_msgs/msg/Imu": (*_HEADER, 4, 1, 8, 3, 1, 8, 3, 1, 8),
 }
 
@@ -195,7 +195,7 @@ def odometry_packer(
 
 def transform_packer(frame_id: str, child_frame_id: str) -> Packer:
     """Return `pack(sec, nanosec, pose)` for tf2_msgs/TFMessage of one transform with both frames fixed."""
-    # The stamp stands behind the length of the sequence; the strings behind it begin 4 bytes later than elsewhere.
+    # The stamp follows the length of the sequence; the strings after it begin 4 bytes later than elsewhere.
     out = bytearray(_ORIGIN + 12)
     for name in (frame_id, child_frame_id):
         _append_string(name, out)
@@ -220,7 +220,7 @@ def clock_packer() -> Packer:
 
 
 def strings_after_stamp(strings: Sequence[str]) -> bytes:
-    """Return strings as they stand after a stamp, little endian, padded to where float64 may follow."""
+    """Return the bytes of strings after a stamp, little endian, padded to where float64 may follow."""
     after_stamp = _ORIGIN + 8
     out = bytearray(after_stamp)
     for text in strings:

@@ -59,13 +59,13 @@ def _require_told(path: Path, told: Sequence[object], found: Sequence[_Read]) ->
     """Check number and times of the messages against `metadata.yaml`.
 
     Raises:
-        LogError: it says something else.
+        LogError: they differ.
     """
     spoken = [read for read in found if read.messages]
     begin_ns, end_ns = min((r.begin_ns for r in spoken), default=0), max((r.end_ns for r in spoken), default=0)
     there = (sum(read.messages.total() for read in found), begin_ns, end_ns - begin_ns)
     for what, number, claimed in zip(("messages", "ns at the start", "ns of duration"), there, told, strict=True):
-        # What recorded nothing has no times.
+        # A file without messages has no times.
         if claimed not in (None, number) and (spoken or what == "messages"):
             raise LogError(
                 f"{path} says {shown(claimed)} {what}, the files beside it have {number}; make it again with "
@@ -76,8 +76,8 @@ def _require_told(path: Path, told: Sequence[object], found: Sequence[_Read]) ->
 def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
     """Read all of a finished MCAP file, front to back and again by its index, and return how many messages it holds.
 
-    Every checksum has to fit, index and statistics have to say what is there, and in logs of this package no log time
-    is before the one in front of it.
+    Every checksum must match, index and statistics must agree with the content, and in logs of this package no log time
+    may be earlier than the one before it.
 
     Args:
         path: the file.
@@ -114,13 +114,13 @@ def _unlike(path: Path, faults: str) -> LogError:
 
 @dataclass
 class _Read:
-    """What stands in the file, in its order.
+    """The content of the file, in its order.
 
     Attributes:
         messages: by number of the channel.
         records: by kind; those in chunks are not counted.
         begin_ns, end_ns: first and last log time, ns.
-        sorted: whether no log time is before the one in front of it.
+        sorted: whether no log time is earlier than the one before it.
         library: that wrote the file, as its header says.
         footer: None where there is none.
     """
@@ -198,7 +198,7 @@ def _faults(file: BinaryIO, found: _Read, written: Mapping[str, int] | None) -> 
     for what, (there, claimed) in facts.items():
         if there != claimed:
             yield f"{there} {what}, and its summary says {claimed}"
-    # The library passes over these two checksums.
+    # The library does not check these two checksums.
     for index in summary.attachment_indexes:
         if not _fits(_bytes(file, index.offset, index.offset + index.length)[_HEAD_BYTES:]):
             yield f"the checksum of the attachment {index.name} does not fit"
@@ -226,6 +226,6 @@ def _bytes(file: BinaryIO, begin: int, end: int) -> bytes:
 
 
 def _fits(data: bytes) -> bool:
-    """Return whether the checksum at the end of `data` is that of what is before it; 0 says that there is none."""
+    """Return whether the checksum at the end of `data` is that of the bytes before it; 0 means that there is none."""
     (checksum,) = _CHECKSUM.unpack(data[-_CHECKSUM.size :])
     return checksum in (0, zlib.crc32(data[: -_CHECKSUM.size]))

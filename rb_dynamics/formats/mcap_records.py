@@ -69,20 +69,20 @@ _NEEDED = frozenset(
         Opcode.STATISTICS,
     )
 )
-# What stands for the opcode of a chunk of which the end of the file has cut off the rest; no record has it.
+# Stands for the opcode of a chunk that is cut off by the end of the file; no record has it.
 _CUT_CHUNK = -1
 _GIT_LFS = b"version https://git-lfs.github.com/spec/"
 _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
 # Of a chunk: its record, its times, what is in it in bytes and their checksum, the length of the compression's name.
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
-# Where the summary begins, and its part that says where what stands; a checksum.
+# Where the summary begins, and the part of it that says where everything is; a checksum.
 _FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-# What is put into blocks together, where messages come one by one or in small chunks.
+# The number of messages put into blocks together, where they come one by one or in small chunks.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
 # What is in the next chunks, in bytes, that are unpacked while those before are taken.
 _AHEAD_BYTES = 2**20
@@ -129,8 +129,8 @@ class MessageBlock(NamedTuple):
     Attributes:
         channel: of all of them.
         log_times: ns, (n,) of int64; blocks of the same times may share one array.
-        data: bytes in which the messages stand.
-        begins, ends: where each stands there, (n,).
+        data: the bytes that contain the messages.
+        begins, ends: where each is there, (n,).
     """
 
     channel: McapChannel
@@ -186,7 +186,7 @@ def _block(messages: list[Message]) -> MessageBlock:
 
 
 Fact: TypeAlias = "dict[str, str] | bytes | McapChannel"
-"""What a record says that is not a message: a metadata record, an attachment, or a channel by its topic."""
+"""The content of a record other than a message: a metadata record, an attachment, or a channel by its topic."""
 
 OnFact: TypeAlias = Callable[[str, Fact], None]
 
@@ -246,7 +246,7 @@ class McapFile:
         yield from self._read(self._by_channel, _BLOCK_MESSAGES)
 
     def _read(self, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
-        """Yield what `take` makes of the messages; of those that stand in no chunk it is given as many `at_once`."""
+        """Yield what `take` makes of the messages; of those outside of chunks it gets as many `at_once`."""
         require_file(self.path)
         try:
             with self.path.open("rb") as file:
@@ -272,7 +272,7 @@ class McapFile:
         try:
             yield from self._taken(file, size, take, at_once)
         except (LogError, UnicodeDecodeError):
-            # What stands before a damage is not damaged.
+            # Messages before a damaged place are not damaged.
             yield from self._held_messages(take)
             raise
 
@@ -306,7 +306,7 @@ class McapFile:
     def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes, _Unpacked | None]]:
         """Yield records, those of chunks with what gives their content, which other threads unpack meanwhile.
 
-        What is wrong with a record is said in its turn; to salvage, each is looked at when all before it are done with.
+        Errors of a record are raised in its turn; to salvage, each is examined after all before it are finished.
         """
         from concurrent.futures import ThreadPoolExecutor
 
@@ -328,7 +328,7 @@ class McapFile:
             raise fault
 
     def _note_summary(self, file: BinaryIO, size: int) -> None:
-        """Keep what the summary repeats, to salvage: schemas, channels, and where chunks stand that may be damaged."""
+        """Keep what the summary repeats, to salvage: schemas, channels, and places of chunks that may be damaged."""
         begin, end = file.tell(), size - len(MAGIC) - _RECORD.size - _FOOTER.size
         if self.salvage and end > begin:
             file.seek(end)
@@ -372,7 +372,7 @@ class McapFile:
             self._held_bytes += len(data)
 
     def _held_messages(self, take: _Take[_Read]) -> Iterator[_Read]:
-        """Yield what `take` makes of what is held: of many small chunks, one by one, it would take long."""
+        """Yield what `take` makes of the records that are held: many small chunks one by one would take long."""
         if not self._held:
             return
         parts, places, ends = zip(*self._held, strict=True)
@@ -405,11 +405,11 @@ class McapFile:
                     times = times if np.array_equal(times, own_times) else own_times
                     yield MessageBlock(self.channels[number], times, raw, contents[at], ends[at])
                 return
-        # What is wrong shows where it stands.
+        # An error is raised at the message that causes it.
         yield from in_blocks(self._one_by_one(data, begins, ends))
 
     def _instead(self, begin: bytes, file: BinaryIO) -> tuple[str, str]:
-        """Return what a file that is no MCAP file is, and what to do with it."""
+        """Return what a file is that is not an MCAP file, and what to do with it."""
         if begin.startswith(_ROS_1):
             bag = self.path.with_suffix("").name
             return "is a bag of ROS 1, expected one of ROS 2", f"convert it with {_converted(self.path, bag)}"
@@ -428,7 +428,7 @@ class McapFile:
         return "give an .mcap file, such as rosbag2 or simulate --mcap writes"
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the records that are there in full, and what there is of a chunk that was cut off as `_CUT_CHUNK`."""
+        """Yield the complete records, and the remains of a chunk that was cut off as `_CUT_CHUNK`."""
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
             start = file.tell()
@@ -494,7 +494,7 @@ class McapFile:
             if opcode == _MESSAGE and end <= size and left >= 0:
                 more += begin, end
                 continue
-            # What other records say holds for what comes behind them.
+            # Other records apply to what follows them.
             self._records_left = left
             self._hold(data, *_places(begins, ends, more))
             yield from self._held_messages(take)
@@ -512,9 +512,10 @@ class McapFile:
         self._hold(data, *self._before)
 
     def _as_before(self, data: bytes) -> tuple[Places, Places]:
-        """Return where the first messages of a chunk stand, as many as stand where those of the chunk before did.
+        """Return the places of the first messages of a chunk, as many as have the places of those of the chunk before.
 
-        Recorders write the same messages again and again; each that is where it is expected says where the next begins.
+        Recorders write the same messages again and again; each that is where it is expected gives the start of the
+        next.
         """
         begins, ends = self._before
         within = min(int(np.searchsorted(ends, len(data), side="right")), self._records_left)
@@ -527,7 +528,7 @@ class McapFile:
         return begins[:count], ends[:count]
 
     def _message(self, data: bytes, start: int, end: int) -> Message | None:
-        """Return a message; None where it is left out because no clock shows its times."""
+        """Return a message; None where it is left out because its times are impossible."""
         content = start + _MESSAGE_HEAD.size
         if content > end:
             raise self._damage("has a message without its times")
@@ -548,7 +549,7 @@ class McapFile:
         return Message(channel, log_time, publish_time, data[content:end])
 
     def _note(self, opcode: int, content: bytes) -> None:
-        """Keep what a record says that is not a message."""
+        """Keep the content of a record other than a message."""
         fields = _Fields(content, self._damage)
         if opcode == Opcode.SCHEMA:
             (schema_id,) = fields.take("H")
@@ -575,7 +576,7 @@ class McapFile:
             self._statistics = {"messages": messages, "attachments": attachments, "metadata records": records}
 
     def _hold_statistics(self) -> None:
-        """Hold what was read against what the file says that it holds: a piece may be gone, or be there twice.
+        """Compare what was read with the file's own statistics: a piece may be missing, or be there twice.
 
         Raises:
             LogError: they differ.
@@ -632,7 +633,7 @@ def require_file(path: Path) -> None:
     """Refuse a pipe, which would be waited for, a device, which may have no end, and what stands for a file in git.
 
     Raises:
-        LogError: it is one of them; what is not there, or cannot be looked at, is for its reader to say.
+        LogError: it is one of them; other problems are left to its reader.
     """
     try:
         regular = stat.S_ISREG(path.stat().st_mode)
@@ -649,9 +650,9 @@ def require_file(path: Path) -> None:
 
 
 def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
-    """Return where the next whole chunk begins whose lengths fit each other; None where there is none.
+    """Return where the next whole chunk with consistent lengths begins; None where there is none.
 
-    Leaves the file where it stood.
+    Does not move the position in the file.
     """
     found, known = None, {len(name): name.encode() for name in _DECOMPRESSORS}
     at = start
@@ -695,7 +696,7 @@ _Unpacked: TypeAlias = Callable[[], bytes]
 
 
 def _size(opcode: int, content: bytes) -> int:
-    """Return the size of a record, and of what a chunk says is in it."""
+    """Return the size of a record, and the size that a chunk declares for its content."""
     return len(content) + (int.from_bytes(content[16:24], "little") if opcode == Opcode.CHUNK else 0)
 
 
@@ -706,7 +707,7 @@ def _at(data: NDArray[np.uint8], begins: Places, length: int) -> NDArray[np.uint
 
 
 def _places(begins: Places, ends: Places, more: list[int]) -> tuple[Places, Places]:
-    """Return begins and ends with those in `more`, in turn, behind them."""
+    """Return begins and ends, followed in turn by those in `more`."""
     added = np.array(more, np.int64)
     return np.append(begins, added[::2]), np.append(ends, added[1::2])
 
@@ -762,7 +763,7 @@ class _Fields:
         return taken
 
 
-# One byte more than is due is asked for, so that a chunk that holds more than it says shows itself.
+# One byte more than declared is requested, so that a chunk with more than that is noticed.
 def _zstd(data: bytes, size: int) -> bytes:
     import zstandard
 

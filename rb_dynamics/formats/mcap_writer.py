@@ -72,7 +72,7 @@ def framed_one(channel: int, message: bytes, log_time: int) -> bytes:
 
 @dataclass
 class _Written:
-    """What the index knows of the file so far."""
+    """The data for the index, so far."""
 
     schemas: list[bytes] = field(default_factory=list)
     channels: list[bytes] = field(default_factory=list)
@@ -167,7 +167,7 @@ class McapWriter:
     def add_pieces(
         self, pieces: Sequence[bytes], log_times: npt.NDArray[np.int64], messages: Iterable[InPieces]
     ) -> Iterator[int]:
-        """Write pieces, each one or several records of messages of one time; say how many whenever a chunk has ended.
+        """Write pieces, each one or several records of messages of one time; yield how many whenever a chunk has ended.
 
         Chunks end where `add_messages` would end them, with the messages of a piece at once.
 
@@ -282,10 +282,10 @@ class McapWriter:
         self._file.write(out + summary + struct.pack("<I", zlib.crc32(summary)) + MAGIC)
 
     def rescue(self, name: str, facts: Mapping[str, str]) -> bool:
-        """After a failed write: finish the file with what has room, and metadata `name` that says so.
+        """After a failed write: finish the file with what fits, and metadata `name` that says so.
 
-        Gives up chunks from the end until the index fits; False where that does not help: the file then ends behind a
-        whole chunk where it can be cut there, and is readable without an index.
+        Gives up chunks from the end until the index fits; False where that does not help: the file then ends after a
+        whole chunk if it can be cut there, and is readable without an index.
         """
         while self._marks:
             if not self._return_to(self._marks.pop()):

@@ -26,10 +26,10 @@ from rb_dynamics.formats.ros2msg import schema_text
 
 MERGED = "rb_dynamics.merged"
 
-# What holds from whenever it was said, and belongs to every part, as what is latched does.
+# Messages that hold from whenever they were sent, and belong to every part, like latched ones.
 _FIXED = "tf_static"
 
-# Their messages name what they tell of.
+# Their messages name what they are about.
 _SHARED = (TRANSFORMS, DIAGNOSTICS)
 
 # Bags further apart are of two clocks or two days, s.
@@ -47,8 +47,8 @@ class Merged:
 def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     """Write the messages of the bags whose log times are within `span_ns` to the MCAP file `target`, by log time.
 
-    Fixed transforms, and what else is latched, are those of the whole bags. Topics of one name and type become one.
-    What has no definition of its type is left out, since nothing could read it.
+    Fixed transforms and other latched topics are those of the whole bags. Topics of one name and type become one.
+    Topics without a definition of their type are left out, since nothing could read it.
 
     Raises:
         LogError: a bag cannot be read, a topic is of two types, nothing is left, or `target` is one of the bags or

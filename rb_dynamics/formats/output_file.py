@@ -53,7 +53,7 @@ class OutputFile:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing can be written any more."""
+        """Whether nothing more can be written."""
         return self._file.closed
 
     @property
@@ -86,7 +86,7 @@ class OutputFile:
         self._position += len(data)
 
     def cut(self, position: int) -> bool:
-        """Give back what lies behind `position` and take writes again; False where the file cannot (a pipe)."""
+        """Cut the file at `position` and accept writes again; False where that is impossible (a pipe)."""
         try:
             self._file.truncate(position)
             self._file.seek(position)
@@ -112,7 +112,7 @@ class OutputFile:
 
 
 def require_other(target: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
-    """Refuse to write where something is read: onto a file, onto one in the folder of a bag, or to a folder around it.
+    """Refuse to overwrite an input: a file, one in the folder of a bag, or a folder around it.
 
     Raises:
         LogError: names the remedy.

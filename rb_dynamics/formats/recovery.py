@@ -89,7 +89,7 @@ def _nothing(source: Path) -> LogError:
 
 def _recover_file(old: McapFile, target: Path) -> Recovered:
     messages = old.messages()
-    # What is no MCAP file at all is found out before the new one is begun.
+    # A file that is not MCAP at all is noticed before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
     with contextlib.closing(OutputFile(target)) as file:
@@ -111,7 +111,7 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
 
 
 class Copy:
-    """Writes what files say to another, in the same order."""
+    """Writes the content of files to another, in the same order."""
 
     def __init__(self, writer: McapWriter) -> None:
         self._writer = writer

@@ -18,7 +18,7 @@ _Rows: TypeAlias = tuple[NDArray[np.intp], NDArray[np.uint8]]
 
 
 class Transforms(NamedTuple):
-    """What a block of TFMessage tells.
+    """The content of a block of TFMessage.
 
     Attributes:
         blocks: one for each pair of frames, on the topic "/tf world:base".

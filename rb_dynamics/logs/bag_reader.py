@@ -206,7 +206,7 @@ def _has_motion(bag: Bag) -> bool:
 
 
 def named_type(channel: McapChannel) -> str:
-    """Return "pkg/msg/Type", for the older "pkg/Type" too; what is no CDR is given its encoding and so fits no type."""
+    """Return "pkg/msg/Type", for the older "pkg/Type" too; if not CDR, with its encoding, so that it fits no type."""
     type_name = channel.type_name
     if channel.encoding != "cdr":
         return f"{channel.encoding}:{type_name}"

@@ -143,7 +143,7 @@ def encode_applied(event: AppliedWrench) -> bytes:
 
 
 def encode_received(command: Wrench) -> bytes:
-    """Return the message of a command, to the byte where it came as one; its stamp may be of any clock."""
+    """Return the message of a command, to the byte if it was received as one; its stamp may be of any clock."""
     if command.message is not None:
         return command.message
     pack = cdr.stamped_packer(WRENCH, command.frame_id)
@@ -151,7 +151,7 @@ def encode_received(command: Wrench) -> bytes:
 
 
 def measurement_packers(scene: Scene) -> dict[str, Callable[[Measurement, int], bytes]]:
-    """Return what makes the message of a measurement with a stamp (ns), by the name of the sensor."""
+    """Return the encoder of a measurement with a stamp (ns), by the name of the sensor."""
 
     def packer(sensor: Sensor) -> Callable[[Measurement, int], bytes]:
         pack = cdr.stamped_packer(sensor.message, sensor.frame_id(scene.frames))
@@ -201,7 +201,7 @@ def decode_setpoint(data: bytes) -> float:
 
 
 def encode_inertia(scene: Scene, time_ns: int) -> bytes:
-    """Return the message that says the mass properties of the body."""
+    """Return the message with the mass properties of the body."""
     body = scene.body
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
     values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
@@ -209,13 +209,13 @@ def encode_inertia(scene: Scene, time_ns: int) -> bytes:
 
 
 def encode_status(status: Status, hardware_id: str) -> bytes:
-    """Return the message that `/diagnostics` has of a status."""
+    """Return the message of a status on `/diagnostics`."""
     values = (status.level, status.name, status.message, hardware_id, list(status.values.items()))
     return cdr.encode(DIAGNOSTICS, status.time_ns, "", [values])
 
 
 def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:
-    """Return the message that says where the fixed frames are on the body."""
+    """Return the message with the poses of the fixed frames on the body."""
     parts = [
         (time_ns, frames.body_frame, name, (*frame.position, *frame.orientation_xyzw))
         for name, frame in (frames.fixed or {}).items()
@@ -248,9 +248,9 @@ class Stamped:
 
 
 def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> dict[str, Callable[[Stamped], bytes]]:
-    """Return what makes the message of each of `sample_topics`, in their order, by the name of the topic.
+    """Return the encoder of each of `sample_topics`, in their order, by the name of the topic.
 
-    `acceleration` tells that of the body origin (m/s^2) and the angular one (rad/s^2) at the sample, body axes; None
+    `acceleration` gives that of the body origin (m/s^2) and the angular one (rad/s^2) at the sample, body axes; None
     leaves the topic out.
     """
     world, body = scene.frames.world_frame, scene.frames.body_frame
@@ -324,7 +324,7 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
                 if run is not None
             ]
             for at, part in parts:
-                # Not -1: where commands come by the thousand between two outputs, there is no row to tell the width.
+                # Not -1: where commands come by the thousand between two outputs, there is no row that gives the width.
                 flat = part.view(np.uint8).reshape(len(part), part.shape[1] * part.itemsize)
                 rows[:, at : at + flat.shape[1]] = flat
             found.append(rows)

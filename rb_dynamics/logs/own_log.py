@@ -74,7 +74,7 @@ def scene_and_names(
 
     Args:
         source: the log.
-        purpose: what the log is wanted for, as a refusal says it.
+        purpose: what the log is needed for, for error messages.
         overrides: of the scene, which keeps its text all the same.
 
     Raises:
@@ -149,7 +149,7 @@ def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
 
 
 def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
-    """Return each topic's name in a log of this package by its name in the scene; None where no text says that.
+    """Return each topic's name in a log of this package by its name in the scene; None where the scene is not known.
 
     Raises:
         LogError: a topic has another type than it had.

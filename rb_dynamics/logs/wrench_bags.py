@@ -48,7 +48,7 @@ which says when each took effect, go by their log times.
 
 _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
-# Every command is recorded at least so much behind its stamp, or before it, only if these are of two clocks.
+# Every command is recorded at least so long after its stamp, or before it, only if these are of two clocks.
 _APART_NS = _NANOSECONDS // 10
 # Commands that begin later than this after the end of the run are of another clock than those within it.
 _ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
@@ -80,7 +80,7 @@ class _Span:
     delay_ns: int = 0
 
     def __str__(self) -> str:
-        """Return from when to when they go."""
+        """Return the first and the last time."""
         return f"at {_seconds(self.first_ns or 0)} to {_seconds(self.last_ns or 0)} s"
 
     def add(self, times_ns: Times) -> None:
@@ -96,7 +96,7 @@ class _Span:
 
 @dataclass
 class _Recording:
-    """What is known of one bag.
+    """What is known about one bag.
 
     Attributes:
         path: of the bag.
@@ -157,7 +157,7 @@ class _Recording:
 
     @property
     def unstamped(self) -> bool:
-        """Whether stamps say nothing although log times do."""
+        """Whether stamps do not show the time although log times do."""
         stamps, log_times = self.stamps, self.log_times
         return stamps.first_ns == stamps.last_ns == 0 and log_times.first_ns != log_times.last_ns
 
@@ -192,7 +192,7 @@ class RecordedWrenches:
         channels: WrenchChannels | None = None,
         actuators: Sequence[str] = (),
     ) -> None:
-        """Look through the bags for the commands on `topics`; a leading slash makes no difference between names.
+        """Search the bags for the commands on `topics`; a leading slash makes no difference between names.
 
         A Wrench without header has its log time as stamp and frame "".
 
@@ -246,10 +246,10 @@ class RecordedWrenches:
                 _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
 
     def require_some(self) -> None:
-        """Refuse a bag that says something, and nothing that acts.
+        """Refuse a bag that has commands, but none that takes effect.
 
         Raises:
-            LogError: says where its commands lie, and why.
+            LogError: gives the times of its commands, and why.
         """
         for bag in self._bags:
             if bag.count and not bag.acting:
@@ -270,7 +270,7 @@ class RecordedWrenches:
         """Commands to actuators, each at the time at which it was recorded: they have no stamps."""
         found: list[tuple[str, Setpoint]] = []
         for bag in self._bags:
-            # Where stamps tell the time of the run, log times need not: then the bag begins with it.
+            # Where stamps give the time of the run, log times need not: then the bag begins with it.
             by_log = bag.by_log or bag.ours or bag.offset_ns
             offset_ns = bag.offset_ns if by_log else bag.begin_ns or 0
             found += (
@@ -293,7 +293,7 @@ class RecordedWrenches:
         sources = [self._in_blocks(number, bag) for number, bag in enumerate(self._bags)]
         reached = dict.fromkeys(range(len(sources)), -math.inf)
         while reached:
-            # Of the bag that is farthest behind.
+            # From the bag that has been read least far.
             number = min(reached, key=lambda k: reached[k])
             found = next(sources[number], None)
             if found is None:
@@ -309,7 +309,7 @@ class RecordedWrenches:
                 yield batch.some(slice(last)), None if until_ns is None else int(until_ns)
 
     def _looked_through(self, bag: _Recording) -> _Recording:
-        """Fill in what is to be known of a bag, its commands timed as it says by now.
+        """Fill in what is needed about a bag, with its commands timed as known by now.
 
         Raises:
             LogError: it cannot be read or is damaged.
@@ -348,7 +348,7 @@ class RecordedWrenches:
         within = (times >= 0) & (times <= self._end_ns)
         bag.within += int(within.sum())
         bag.early += int((times < 0).sum())
-        # One at the very end has no time to act.
+        # A command at the very end has no time to act.
         bag.acting += int((within & (times < self._end_ns)).sum())
         if self._channels is None:
             return
@@ -363,7 +363,7 @@ class RecordedWrenches:
                 bag.refused = bag.refused or str(error)
 
     def _require_topics(self) -> None:
-        """Refuse bags that have not what they are given for.
+        """Refuse bags without what they are given for.
 
         Raises:
             LogError: `mapping` names what is not there, or no wrench topic of a bag is a channel.
@@ -381,7 +381,7 @@ class RecordedWrenches:
                 raise LogError(_no_commands(bag, self._topics))
 
     def _begin(self, start: Start) -> None:
-        """Find time 0 of the run, and look again through the bags whose times are not as stamped."""
+        """Find time 0 of the run, and search again the bags whose times are not as stamped."""
         for bag in self._bags:
             bag.by_log = bag.ours or bag.unstamped
             if bag.unstamped and not bag.ours:
@@ -418,11 +418,11 @@ class RecordedWrenches:
         return min(bag.start_ns for bag in bags)
 
     def _run(self) -> str:
-        """Return from when to when the run goes."""
+        """Return the first and the last time of the run."""
         return "begins at 0 s" if math.isinf(self._end_ns) else f"goes from 0 to {_seconds(int(self._end_ns))} s"
 
     def _no_effect(self, bag: _Recording) -> str:
-        """Say where the commands of a bag lie that are all without effect, and what to do."""
+        """Return the times of the commands of a bag if none has an effect, and what to do."""
         if bag.within and bag.refused:
             return (
                 f"{bag.path}: of its {bag.count} wrench commands each that the run reaches is rejected: {bag.refused}"
@@ -532,7 +532,7 @@ def origin_of(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, int]:
     """Return the bags that the commands of a log came from, by name, and which time (ns) of each was time 0."""
     facts = metadata.get(RUN, {})
     names, starts = (facts.get(key, "").split(", ") for key in ("wrench_bags", "wrench_start_ns"))
-    # What any program may have written: no more digits than a time has.
+    # The text may come from any program: accept no more digits than a time has.
     if len(names) != len(starts) or not all(
         start.removeprefix("-").isdecimal() and len(start) < 20 for start in starts
     ):

@@ -188,7 +188,7 @@ def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> l
 
 
 def _some(shown: int, all_of_them: int, what: str) -> str:
-    """Return how many are shown, of how many."""
+    """Return the number shown and the total, as text."""
     return f"{shown} of the {all_of_them} {what}" if shown < all_of_them else f"all {shown} {what}"
 
 

@@ -101,7 +101,7 @@ def _shown(each: Difference) -> tuple[Array, Array]:
     first, second = each.recorded
     if not first.turns:
         return first.values, second.values
-    # Where A has a gap, the signs go on by B.
+    # Where A has a gap, the signs follow B.
     alone = ~first.at(second.time_ns)[1]
     times = np.concatenate([first.time_ns, second.time_ns[alone]])
     order = np.argsort(times, kind="stable")

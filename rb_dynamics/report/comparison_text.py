@@ -82,7 +82,7 @@ def _size(value: float) -> str:
 
 
 def alignment_sentence(alignment: Alignment) -> str:
-    """Return how the times belong together, and how far that can be trusted."""
+    """Return how the times are related, and how certain that is."""
     offset = alignment.offset_ns
     moved = f"B's clock is {seconds(abs(offset))} s {'ahead of' if offset > 0 else 'behind'} A's" if offset else ""
     said = {

@@ -164,7 +164,7 @@ def _left(each: Predicted) -> Panel:
 
 
 def _ellipses(found: Identification) -> list[Section]:
-    """Return the pairs of numbers of the body, effects and sensors whose errors hang together most."""
+    """Return the pairs of numbers of the body, effects and sensors whose errors are most correlated."""
     names = {each.name for each in found.parameters if each.known}
     absolute = any(name.startswith("inertia.") for name in names)
     shown = [

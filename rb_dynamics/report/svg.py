@@ -33,7 +33,7 @@ Array: TypeAlias = NDArray[np.float64]
 # robotics. Three more for more lines. All have a contrast of at least 3:1 against white and near-black.
 COLORS = ("#d9591b", "#12916a", "#3b86d1", "#a86fc0", "#c7508f", "#8a7a1f", "#0e8f9e")
 
-# Motion of less than this part of the distance from zero is not seen.
+# Motion of less than this part of the distance from zero is not visible.
 _FAR = 0.01
 
 # Per line, in a picture and in a plot that can be zoomed; four points per bucket.

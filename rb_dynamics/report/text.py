@@ -110,7 +110,7 @@ def topic_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def topics_sentence(summary: RunSummary) -> str:
-    """Return which clock the table of topics is by."""
+    """Return which clock the table of topics uses."""
     if summary.own:
         return "Rates and gaps are by log time, which is simulation time."
     return (
@@ -183,7 +183,7 @@ def command_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def latency_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: how long commands were on their way; empty if the log does not say."""
+    """Return header and rows: latencies of commands; empty if they were not logged."""
     rows = [["", "commands", "to receiving", "then to acting", "median", "p99", "largest [ms]"]]
     for each in summary.latencies:
         times = each.transport_s, each.waiting_s, each.median_s, each.p99_s, each.largest_s
@@ -202,7 +202,7 @@ def wheel_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def actuator_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: the commands to actuators; empty where none came."""
+    """Return header and rows: the commands to actuators; empty if there were none."""
     rows = [["", "type", "commands", "largest", "limited", "rejected"]]
     for each in summary.onboard.actuators:
         counts = str(each.limited), str(each.rejected)

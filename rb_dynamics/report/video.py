@@ -168,7 +168,7 @@ def _frames(motion: _Seen, rate: int, progress: Callable[[float], None] | None) 
         clock = figure.text(0.02, 0.03, "", color=_TEXT, fontsize=11, animated=True)
         canvas = FigureCanvasAgg(figure)
         moving = [part for axes in figure.axes for part in _parts(axes)]
-        # Text takes most of the time: what stands still is drawn once for each title.
+        # Text takes most of the time: what does not move is drawn once for each title.
         still: dict[str, Any] = {}
         for time_s in np.linspace(start, end, round(seconds * rate)).tolist():
             for scene in scenes:
