@@ -78,6 +78,9 @@ def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], no
     def panel(pairs: Sequence[tuple[str, float]]) -> Callable[[Any], None]:
         def plot(axes: Any) -> None:
             shown = list(pairs)[:6][::-1]
+            if not shown:
+                axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
+                return
             places = np.arange(len(shown))
             sizes = [value for _, value in shown]
             axes.axvspan(-noise, noise, color="#808080", alpha=0.25, linewidth=0)

@@ -79,6 +79,8 @@ def test_figures_of_a_campaign_can_be_read() -> None:
     assert sorted(bars.curves[0].points[0].tolist()) == [-0.2, 0.5]
     assert [(shape["x0"], shape["x1"]) for shape in bars.shapes] == [(-0.1, 0.1)]
     assert {note["text"] for note in bars.notes} == {"mass", "gain"}
+    (bars,) = campaign_figures.sensitivities([("never settled", [])], 0.1).plots()
+    assert bars.curves == []
     (dots,) = campaign_figures.scatters([("body.mass", "settling [s]", values, 2.0 * values, passed)]).plots()
     assert [len(curve.points[0]) for curve in dots.curves] == [passed.sum(), (~passed).sum()]
     (over,) = campaign_figures.over_time(
