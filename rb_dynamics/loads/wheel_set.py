@@ -52,6 +52,7 @@ class _Wheel(NamedTuple):
         coulomb: constant part of the friction's torque while it is free, N m.
         low: rad/s, the speed below which it is no longer as free as it is.
         high: rad/s, the speed above which that is so.
+        left: the point that it was released from at this very time; None elsewhere.
     """
 
     command: float
@@ -61,6 +62,12 @@ class _Wheel(NamedTuple):
     coulomb: float = 0.0
     low: float = -math.inf
     high: float = math.inf
+    left: float | None = None
+
+    @property
+    def where(self) -> float | None:
+        """The point at which it is, held or not; None elsewhere."""
+        return self.left if self.point is None else self.point
 
 
 class WheelSet:
@@ -110,11 +117,16 @@ class WheelSet:
 
     def command(self, k: int, value: float, speed: float) -> None:
         """Apply the command of wheel k, which turns with `speed`; `settle` then decides whether it is held."""
-        point = self._now[k].point
-        self._set(k, command=value)
+        point = self._now[k].where
+        self._set(k, command=value, point=point)
         # It is still at rest or at its largest speed; it does not stay at a speed that was commanded before.
         if point is None or point not in self._points(k):
             self._place(k, speed)
+
+    def move_on(self) -> None:
+        """Let time go on: wheels that were released have left their points."""
+        if any(wheel.left is not None for wheel in self._now):
+            self._now = [wheel._replace(left=None) for wheel in self._now]
 
     def speeds(self, omega: Vector, states: Sequence[float]) -> tuple[float, ...]:
         """Return the speeds relative to the body, rad/s."""
@@ -151,10 +163,11 @@ class WheelSet:
         """Decide which wheels are held, under a torque from outside (principal axes): asked only where one may be.
 
         First all wheels at a speed where they may stay are held; those that cannot be are released, until all others
-        can.
+        can. What was decided before at this very time counts for nothing, so that commands of one time may come one by
+        one.
         """
         speeds = self.speeds(omega, states)
-        self._now = [wheel._replace(held=wheel.point is not None) for wheel in self._now]
+        self._now = [wheel._replace(point=wheel.where, held=wheel.where is not None) for wheel in self._now]
         while True:
             self._invert()
             if not any(wheel.held for wheel in self._now):
@@ -236,7 +249,7 @@ class WheelSet:
         """Put a wheel where it is by its speed alone."""
         points = self._points(k)
         if speed in points:
-            self._set(k, point=speed)
+            self._set(k, point=speed, left=None)
             return
         low = max((point for point in points if point < speed), default=-math.inf)
         high = min((point for point in points if point > speed), default=math.inf)
@@ -253,6 +266,7 @@ class WheelSet:
         else:
             low = max((other for other in points if other < point), default=-math.inf)
             self._free(k, low, max(point, speed), math.copysign(1.0, point) if point else way)
+        self._set(k, left=point)
 
     def _free(self, k: int, low: float, high: float, sign: float) -> None:
         """Let a wheel turn freely between two speeds, with speeds of this sign."""
@@ -260,7 +274,7 @@ class WheelSet:
         motor = now.command
         if wheel.command == "speed":
             motor = -wheel.max_torque if low + high > 2.0 * now.command else wheel.max_torque
-        self._set(k, point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high)
+        self._set(k, point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high, left=None)
 
     def _set(self, k: int, **how: Any) -> None:
         """Change how a wheel turns."""

@@ -333,6 +333,7 @@ class WrenchChannels:
 
     Attributes:
         lag: whether one of them follows its commands with a lag.
+        came: what the last `apply` told of commands that came and take effect later, or never; `take_back` keeps it.
     """
 
     def __init__(
@@ -364,6 +365,7 @@ class WrenchChannels:
         # The commands that the last `apply` looked at, and what was held before.
         self._done: list[_Pending] = []
         self._before = self._holds
+        self.came: list[ReceivedWrench | RejectedWrench] = []
 
     def post(self, topic: str, wrench: Wrench, time_ns: int) -> bool:
         """Let `wrench` take effect on the channel `topic` at `time_ns`; return whether its limits clipped it.
@@ -646,15 +648,21 @@ class WrenchChannels:
         """
         self._from_table(now_ns)
         due: list[_Pending] = []
-        told: list[AppliedWrench | ReceivedWrench | RejectedWrench] = []
+        self.came = []
         while self._queue and self._queue[0].time_ns <= now_ns:
             pending = heapq.heappop(self._queue)
             delay_ns = self._delay_ns[pending.channel]
-            if delay_ns and not pending.on_its_way and pending.command.held is not None:
-                heapq.heappush(self._queue, pending._replace(time_ns=now_ns + delay_ns, on_its_way=True))
-                told.append(ReceivedWrench(now_ns, self._channels[pending.channel].topic, pending.command.received))
-            else:
+            if not delay_ns or pending.on_its_way:
                 due.append(pending)
+                continue
+            # In the order in which they came, rejected ones among them.
+            topic, (_, received, held, reason, _) = self._channels[pending.channel].topic, pending.command
+            if held is None:
+                self.came.append(RejectedWrench(now_ns, topic, received, reason))
+                continue
+            heapq.heappush(self._queue, pending._replace(time_ns=now_ns + delay_ns, on_its_way=True))
+            self.came.append(ReceivedWrench(now_ns, topic, received))
+        told: list[AppliedWrench | ReceivedWrench | RejectedWrench] = [*self.came]
         self._done, self._before = due, self._holds.copy()
         commanded = {pending.channel for pending in due if pending.command.held is not None}
         for i, hold in enumerate(self._holds):

@@ -36,6 +36,7 @@ class InputHash:
         """Start with the scene."""
         self._hash = hashlib.sha256(scene.text.encode())
         self._places = {channel.topic: place for place, channel in enumerate(scene.channels)}
+        self._actuators = {actuator.topic: place for place, actuator in enumerate(scene.actuators)}
         self._time_ns = 0
         self._lines: list[tuple[int, str]] = []
 
@@ -52,13 +53,14 @@ class InputHash:
         self._lines.append((place, line))
 
     def move(self, change: StateChange) -> None:
-        """Add a change of state, after the commands of its nanosecond: `TIME ~/set_state NUMBERS`, 13 float64."""
+        """Add a change of state, after all commands of its nanosecond: `TIME ~/set_state NUMBERS`, 13 float64."""
         if change.time_ns > self._time_ns:
             self._end_nanosecond()
             self._time_ns = change.time_ns
         pose = *change.position_world, *change.orientation_xyzw
         numbers = _MOVE.pack(*pose, *change.linear_velocity_body, *change.angular_velocity_body).hex()
-        self._lines.append((len(self._places), f"{change.time_ns} ~/set_state {numbers}\n"))
+        place = len(self._places) + len(self._actuators)
+        self._lines.append((place, f"{change.time_ns} ~/set_state {numbers}\n"))
 
     def update_all(self, changes: Changes) -> None:
         """Add changes that come after all before, or at the time of the last of them."""
@@ -77,12 +79,16 @@ class InputHash:
             self._lines.append((place, line))
 
     def actuate(self, command: ActuatorCommand) -> None:
-        """Add a command to an actuator, after those on channels of its nanosecond: `TIME TOPIC NUMBER`."""
+        """Add a command to an actuator, after those on channels of its nanosecond: `TIME TOPIC NUMBER`.
+
+        Those of several actuators come in the order of the scene.
+        """
         if command.time_ns > self._time_ns:
             self._end_nanosecond()
             self._time_ns = command.time_ns
         number = struct.pack("<d", command.value).hex()
-        self._lines.append((len(self._places), f"{command.time_ns} {command.topic} {number}\n"))
+        place = len(self._places) + self._actuators[command.topic]
+        self._lines.append((place, f"{command.time_ns} {command.topic} {number}\n"))
 
     def hexdigest(self) -> str:
         """Return the hash so far; later changes must not have the same nanosecond."""

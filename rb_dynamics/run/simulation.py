@@ -526,6 +526,8 @@ class Simulation:
                 continue
             phase = self._arc.at(edge)
             _require_finite(self.scene.body, phase, edge)
+            if self._wheels is not None and edge > self.time_ns:
+                self._wheels.move_on()
             self.time_ns, self._phase = edge, phase
             self._computed_ns = max(self._computed_ns, edge)
             # Not later, when more may have been computed.
@@ -763,9 +765,9 @@ class Simulation:
         self._knots = ahead
         orientation = self._phase.orientation
         changes = self._channels.apply(self.time_ns, orientation)
-        on_their_way = [change for change in changes if isinstance(change, ReceivedWrench)]
+        came = self._channels.came
         while self._channels.huge and not self._goes_on():
-            changes = [*on_their_way, *self._channels.apply(self.time_ns, orientation)]
+            changes = [*came, *self._channels.apply(self.time_ns, orientation)]
         self._write_changes(changes)
         if self._bank is not None:
             for told in self._bank.apply(self.time_ns):

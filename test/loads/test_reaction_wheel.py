@@ -237,3 +237,41 @@ def test_what_is_no_wheel_is_one_clear_error(change: str, to: str) -> None:
     with pytest.raises(rb.SceneError, match="expected") as error:
         rb.Simulation(rb.parse_scene(THREE.replace(change, to)))
     assert len(str(error.value).splitlines()) <= 2
+
+
+@pytest.mark.parametrize(
+    ("command", "speed", "values"),
+    [
+        ("torque", 0.0, (0.03, 0.0)),
+        ("speed", 0.0, (-0.03, 0.0)),
+        ("speed", 50.0, (0.03, 0.0)),
+        ("speed", 50.0, (40.0, 50.0)),
+    ],
+)
+def test_what_was_decided_at_one_time_counts_for_nothing_in_what_comes_then(
+    command: str, speed: float, values: tuple[float, float]
+) -> None:
+    """Commands while time stands act as at once: a wheel that one would have let go is at rest for the next."""
+    text = f"""
+body: {{mass: 2, inertia: {{diagonal: [0.1, 0.2, 0.25]}}}}
+initial: {{angular_velocity_body: [0.31, -0.27, 0.13]}}
+wrenches: []
+actuators:
+  - {{type: reaction_wheel, name: a, axis: [1, 2, 3], inertia: 3.0e-3, command: {command}, max_torque: 0.05,
+     max_speed: 50.0, friction: {{coulomb: 1.0e-3, viscous: 1.0e-5}}, speed: {speed}}}
+  - {{type: reaction_wheel, name: b, axis: [0, 1, 0], inertia: 2.0e-3, friction: {{coulomb: 1.0e-3}}, speed: 3.0}}
+duration: 5
+output_rate: 10
+"""
+    found = []
+    for one_by_one in (False, True):
+        run = rb.Simulation(rb.parse_scene(text))
+        run.start()
+        run.advance(1_234_567_891)
+        for value in values:
+            run.actuate("a/command", value, 1_234_567_891)
+            if one_by_one:
+                run.advance(1_234_567_891)
+        run.advance(5_000_000_000)
+        found.append((run.sample, run.steps))
+    assert found[0] == found[1]

@@ -16,6 +16,7 @@ from edited_logs import edited
 from rb_dynamics import RigidBody, Wrench, parse_scene, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.body.state import State
 from rb_dynamics.cli import main
 from rb_dynamics.conversion.convert import to_table
 from rb_dynamics.errors import LogError
@@ -29,6 +30,7 @@ from rb_dynamics.logs.messages import decode_wrench
 from rb_dynamics.logs.own_log import logged_scene, scene_and_names
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
+from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
 from rb_dynamics.study.replay import Replay, replay
@@ -658,6 +660,32 @@ def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp
     at_once = tmp_path / "at_once.mcap"
     simulate(scene, commands, [McapSink(at_once)])
     assert {*hashes} == {open_result(at_once)}
+
+
+def test_what_comes_one_by_one_while_time_stands_replays(tmp_path: Path) -> None:
+    """As in a paused node: rejected commands between those that a delay keeps waiting, moves between commands."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.3, -0.2, 0.1]}\n"
+        "wrenches: [{topic: a, delay: 0.05}, {topic: b}]\n"
+        "actuators:\n- {type: reaction_wheel, name: x, axis: [1, 2, 3], inertia: 0.1, friction: {coulomb: 0.01}}\n"
+        "- {type: reaction_wheel, name: y, axis: [0, 1, 0], inertia: 0.1}\nduration: 0.5\noutput_rate: 20\n"
+    )
+    path, time_ns = tmp_path / "run.mcap", 123_456_789
+    run = Simulation(scene, [McapSink(path)])
+    run.start()
+    moved = StateChange.to(State(0, angular_velocity_body=(0.5, 0.4, -0.3)), scene.body)
+    for topic in ("a", "y", "a", "nowhere", "move", "b", "x", "y", "a", "x"):
+        run.advance(time_ns)
+        if topic in ("x", "y"):
+            run.actuate(f"{topic}/command", 0.5 if run.sample.work else 0.0, time_ns)
+        elif topic == "move":
+            run.set_state(moved.at(time_ns))
+        else:
+            wrench = Wrench((1.0, 2.0, 3.0), frame_id="nowhere" if topic == "nowhere" else "")
+            run.take(run.check("a" if topic == "nowhere" else topic, wrench), time_ns)
+    run.advance(500_000_000)
+    run.finish()
+    assert replay(path).identical
 
 
 def open_result(path: Path) -> str:
