@@ -45,7 +45,7 @@ def add_start_and_topics(parser: argparse.ArgumentParser, of: str = "") -> None:
     )  # fmt: skip
     parser.add_argument(
         "--topic", action="append", default=[], metavar="TOPIC=CHANNEL",
-        help=of + "topic of the bag for a channel of the scene, if their names differ; may be repeated",
+        help=of + "topic of the bag for a channel or actuator of the scene, if their names differ; may be repeated",
     )  # fmt: skip
 
 
@@ -125,7 +125,9 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     actuators = [each.topic for each in scene.actuators]
     if repeated:
         # In a log, a command took effect when the log says, whatever its stamp is.
-        return scene, RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, actuators)
+        commands = RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, actuators)
+        output.note_start(commands)
+        return scene, commands
     commands = RecordedWrenches(
         args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, actuators
     )

@@ -106,7 +106,9 @@ def scene_and_names(
 def scene_of_log(
     path: str | os.PathLike[str], overrides: Mapping[str, object] = MappingProxyType({})
 ) -> tuple[Scene, dict[str, str]]:
-    """Return the scene of a log, changed by `overrides`, to be run again, and each channel by its topic in the log.
+    """Return the scene of a log, changed by `overrides`, to be run again, and what each topic of the log commands.
+
+    The second are the topics of channels and actuators in the scene, by those of the log that have another name.
 
     An open-ended run ends where it ended in the log.
 
@@ -122,7 +124,10 @@ def scene_of_log(
     if logged.duration is None and "duration" not in overrides and end_ns is not None:
         overrides = {**overrides, "duration": int(end_ns) / 1e9}
     scene = parse_scene(logged.text, f"{source.path}: {SCENE}", overrides)
+    present = {channel.topic for channel in source.channels.values()}
     topics = {names[channel.topic]: channel.topic for channel in logged.channels}
+    # One that was never commanded has no topic there.
+    topics |= {names[each.topic]: each.topic for each in logged.actuators if names[each.topic] in present}
     return scene, {topic: channel for topic, channel in topics.items() if topic.lstrip("/") != channel.lstrip("/")}
 
 

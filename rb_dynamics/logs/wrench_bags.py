@@ -134,7 +134,7 @@ class _Recording:
     origin: list[tuple[str, int]] = field(default_factory=list)
     driven: dict[str, str] = field(default_factory=dict)
     moves: int = 0
-    drives: bool = False
+    drives: set[str] = field(default_factory=set)
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
 
@@ -154,6 +154,14 @@ class _Recording:
         """Where it begins, see `Start`."""
         first_ns, begin_ns = self.span.first_ns or 0, (self.begin_ns or 0) - self.apart_ns
         return first_ns if begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
+
+    @property
+    def log_offset_ns(self) -> int:
+        """Which log time is time 0 of the run."""
+        if self.ours or self.offset_ns or (self.count and not self.apart_ns):
+            return self.offset_ns + self.apart_ns
+        # Where stamps of another clock tell the time of the run, or none does, the bag begins with it.
+        return self.offset_ns if self.by_log else self.begin_ns or 0
 
     @property
     def unstamped(self) -> bool:
@@ -200,7 +208,7 @@ class RecordedWrenches:
             paths: bags, see `open_source`.
             topics: names of the scene's channels.
             end_ns: of the run.
-            mapping: the channel that each topic of the bags drives, where their names differ.
+            mapping: the channel or actuator that each topic of the bags drives, where their names differ.
             start: which time of the bags is time 0 of the run.
             channels: say which commands cannot be honoured.
             actuators: topics of the commands to the scene's actuators, of type Float64.
@@ -209,9 +217,11 @@ class RecordedWrenches:
             LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's topics
                 is one of `topics` or `actuators`.
         """
-        self._actuators = {topic.removeprefix("/"): topic for topic in actuators}
         self._topics, self._mapping = topics, mapping or {}
-        self._wanted, self._end_ns, self._channels = _wanted(topics, self._mapping), end_ns, channels
+        known = _wanted((*topics, *actuators), self._mapping)
+        self._actuators = {name: topic for name, topic in known.items() if topic in actuators}
+        self._wanted = {name: topic for name, topic in known.items() if topic in topics}
+        self._end_ns, self._channels = end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
         self._require_topics()
         self.notes: list[str] = []
@@ -270,11 +280,8 @@ class RecordedWrenches:
         """Commands to actuators, each at the time at which it was recorded: they have no stamps."""
         found: list[tuple[str, Setpoint]] = []
         for bag in self._bags:
-            # Where stamps give the time of the run, log times need not: then the bag begins with it.
-            by_log = bag.by_log or bag.ours or bag.offset_ns
-            offset_ns = bag.offset_ns if by_log else bag.begin_ns or 0
             found += (
-                (topic, Setpoint(decode_setpoint(message.data), message.log_time - offset_ns))
+                (topic, Setpoint(decode_setpoint(message.data), message.log_time - bag.log_offset_ns))
                 for message in (open_source(bag.path).messages() if bag.drives else ())
                 if (topic := self._drives(message.channel)) is not None
             )
@@ -329,7 +336,8 @@ class RecordedWrenches:
         for channel in source.channels.values():
             if named_type(channel) in WRENCHES:
                 bag.found[channel.topic] += 0
-            bag.drives = bag.drives or self._drives(channel) is not None
+            if self._drives(channel) is not None:
+                bag.drives.add(channel.topic)
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         bag.ours = RUN in source.metadata
@@ -370,7 +378,8 @@ class RecordedWrenches:
         """
         found = sum((bag.found for bag in self._bags), Counter[str]())
         found.update({name: 0 for bag in self._bags for name in bag.found})
-        missing = {name.removeprefix("/") for name in self._mapping} - {name.removeprefix("/") for name in found}
+        known = (*found, *(name for bag in self._bags for name in bag.drives))
+        missing = {name.removeprefix("/") for name in self._mapping} - {name.removeprefix("/") for name in known}
         if missing:
             raise LogError(
                 f"{', '.join(str(bag.path) for bag in self._bags)}: mapped are {sorted(missing)}, expected wrench "

@@ -19,7 +19,7 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.signals import MotionSignals
 from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
@@ -212,7 +212,16 @@ class _Flights:
     def _commands(self, scene: Scene, bag: Bag) -> RecordedWrenches | None:
         """Return the commands for the scene; None if the recording has none at all."""
         actuators = [each.topic for each in scene.actuators]
-        driven = {name.lstrip("/") for name in actuators}
+        topics = [channel.topic for channel in scene.channels]
+        # A log says how its topics are called in a scene; what the user says comes first.
+        renamed = {bag.metadata.get(TOPICS, {}).get(topic, topic): topic for topic in (*topics, *actuators)}
+        mapping = {
+            name: topic
+            for name, topic in renamed.items()
+            if name in bag.topics and name.lstrip("/") != topic.lstrip("/") and topic not in self._mapping.values()
+        }
+        mapping |= self._mapping
+        driven = {name.lstrip("/") for name in (*actuators, *(n for n, topic in mapping.items() if topic in actuators))}
         commanding = [
             topic
             for topic in bag.topics.values()
@@ -223,8 +232,7 @@ class _Flights:
             return None
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
         end_ns = float("inf") if scene.end_ns is None else scene.end_ns
-        topics = [channel.topic for channel in scene.channels]
-        commands = RecordedWrenches([bag.path], topics, end_ns, self._mapping, self._start, channels, actuators)
+        commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, actuators)
         commands.require_some()
         return commands
 

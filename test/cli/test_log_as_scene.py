@@ -13,6 +13,7 @@ from recorded_runs import COMMANDS, SCENE, Flight, coasting, flight, flown
 import rb_dynamics as rb
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 __all__ = ["coasting", "flight", "flown"]
@@ -55,6 +56,37 @@ def test_commands_act_when_they_did_whatever_their_stamp(tmp_path: Path) -> None
     run.finish()
     assert main(["simulate", str(log), "--mcap", str(again)]) == 0
     assert states(again) == states(log)
+
+
+ACTUATED = """\
+body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}
+wrenches: [{topic: wrench}]
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.1}
+  - {type: reaction_wheel, name: idle, axis: [0, 1, 0], inertia: 0.1}
+duration: 2
+"""
+
+
+@pytest.mark.parametrize("remap", [{}, {"wheel/command": "/elsewhere"}])
+def test_actuators_are_commanded_under_any_name(tmp_path: Path, remap: dict[str, str]) -> None:
+    log, again = tmp_path / "run.mcap", tmp_path / "again.mcap"
+    commands = [("wheel/command", rb.Setpoint(0.1, stamp_ns=500_000_000))]
+    rb.simulate(rb.parse_scene(ACTUATED), commands, [McapSink(log, namespace="/sat", remap=remap)])
+    assert main(["simulate", str(log), "--mcap", str(again)]) == 0
+    assert states(again) == states(log)
+    assert main(["explain", str(log)]) == 0
+
+
+def test_a_move_from_outside_is_said_to_be_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, log = rb.parse_scene(SCENE), tmp_path / "run.mcap"
+    run = rb.Simulation(scene, [McapSink(log, namespace="/sat")])
+    run.start()
+    run.set_state(StateChange.to(rb.State(1_000_000_000, angular_velocity_body=(0.1, 0.2, 0.3)), scene.body))
+    run.advance(3_000_000_000)
+    run.finish()
+    assert main(["simulate", str(log), "--json"]) == 0
+    assert "1 states to which the body was moved (set_state) are left out" in capsys.readouterr().err
 
 
 def test_other_commands_replace_those_of_the_log(flight: Flight, coasting: Flight, tmp_path: Path) -> None:

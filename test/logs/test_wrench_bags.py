@@ -191,6 +191,27 @@ def test_a_mapped_topic_may_be_in_any_of_the_bags(tmp_path: Path) -> None:
         RecordedWrenches([one, two], ["wrench"], mapping={"/cmd": "wrench"})
 
 
+@pytest.mark.parametrize(
+    ("stamped_ns", "log_ns", "start", "expected"),
+    [
+        (SECOND, 0, "auto", 2 * SECOND),  # one clock, that of the run
+        (WALL_NS + SECOND, WALL_NS, WALL_NS, 2 * SECOND),
+        (WALL_NS + SECOND, 5 * WALL_NS, WALL_NS, 2 * SECOND),  # log times of another clock
+        (WALL_NS + SECOND, 5 * WALL_NS, "auto", SECOND),
+    ],
+)
+def test_commands_to_actuators_act_when_they_were_recorded_by_the_clock_of_the_stamps(
+    tmp_path: Path, stamped_ns: int, log_ns: int, start: Start, expected: int
+) -> None:
+    rows: list[Row] = [
+        ("/wrench", STAMPED, log_ns + SECOND, stamped(stamped_ns, 1.0)),
+        ("/wheel", "std_msgs/msg/Float64", log_ns + 2 * SECOND, cdr.encode("std_msgs/msg/Float64", (0.5,))),
+    ]
+    path = write_rows(tmp_path / "bag.mcap", rows)
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, {"/wheel": "w/command"}, start, actuators=["w/command"])
+    assert [(topic, point.value, point.stamp_ns) for topic, point in found.setpoints] == [("w/command", 0.5, expected)]
+
+
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.yaml"

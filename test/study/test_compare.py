@@ -351,6 +351,22 @@ def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> No
         rb.compare(scene, named)
 
 
+def test_a_scene_flies_the_commands_of_a_log_in_a_namespace(tmp_path: Path) -> None:
+    scene = rb.parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\n"
+        "actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.1}]\nduration: 2\n"
+    )
+    commands: list[Any] = [
+        ("wheel/command", rb.Setpoint(0.1, stamp_ns=500_000_000)),
+        ("wrench", rb.Wrench((1.0, 0.0, 0.0), (0.0, 0.1, 0.0), stamp_ns=700_000_000)),
+    ]
+    remap = {"wheel/command": "/elsewhere"}
+    for some in (commands, commands[:1]):
+        rb.simulate(scene, some, [McapSink(tmp_path / "run.mcap", namespace="/sat", remap=remap)])
+        found = rb.compare(scene, tmp_path / "run.mcap")
+        assert found.differences["attitude"].max == found.differences["position"].max == 0.0
+
+
 def test_a_log_says_from_which_bag_it_was_flown(log: Path, scene: Path, folder: Path) -> None:
     bag = foreign(folder / "source.mcap", log, later_ns=LATER, commands=bag_commands())
     run = folder / "run.mcap"
