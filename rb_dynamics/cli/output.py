@@ -160,7 +160,7 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
         print(
-            f"warning: {commands.late} of {len(commands)} wrench commands lie after the end of the run at "
+            f"warning: {commands.late} of {len(commands)} commands lie after the end of the run at "
             f"{scene.duration:g} s and have no effect (the first of all is at simulation time {first:.9g} s)",
             file=sys.stderr,
         )
@@ -170,7 +170,7 @@ def warn_rejected(run: Run, commands: int) -> None:
     """Warn on stderr of rejected commands, with the reason for the first, and of clipped ones."""
     if run.rejected:
         print(
-            f"warning: {len(run.rejected)} of {commands} wrench commands were rejected and had no effect; "
+            f"warning: {len(run.rejected)} of {commands} commands were rejected and had no effect; "
             f"the first: {run.rejected[0]}",
             file=sys.stderr,
         )

@@ -126,7 +126,7 @@ def _publish(args: argparse.Namespace) -> int:
 
 def _report(found: Replay, bound: float) -> list[str]:
     """Return the result of a replay as text."""
-    lines = [f"replayed {found.samples} samples under {found.commands} wrench commands; times are simulation time"]
+    lines = [f"replayed {found.samples} samples under {found.commands} commands; times are simulation time"]
     if not found.complete:
         lines.append("the log was cut off: what it has is compared")
     if found.software:
