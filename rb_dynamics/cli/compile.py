@@ -1,7 +1,7 @@
-"""Compile ahead what runs use (extra: fast), so that the first one is as quick as the next.
+"""Compile the kernels that runs use in advance (extra: fast), so that the first run is as quick as the next.
 
-Without it, a first run goes on in plain Python while another process compiles what it could use. By default the kernels
-of runs by `auto` under wrenches; names are those that are printed. The folder of the kernels is below
+Without it, a first run stays in plain Python while another process compiles what it could use. By default these are the
+kernels of runs by `auto` under wrenches; NAME is one of the names printed. The folder of the kernels is below
 XDG_CACHE_HOME, or ~/.cache.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 
-HELP = "compile ahead what runs use"
+HELP = "compile the kernels that runs use in advance"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -3,11 +3,11 @@
 A table has one line per logged sample, with all digits; the wrench commands go to a second file, with .wrenches before
 the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
 type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
-column run or source what is whose. The scene is the text in the log, which can be run again or edited; with --at S, it
-goes on from the state at S with the same bits. Bags and logs become one MCAP file, each message byte for byte, with
---from and --to a part; it is a bag, which replay does not take. A log and one that goes on from it (--at) become the
-log of the whole run. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if needed)
-becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
+column run or source where each row comes from. The scene is the text in the log, which can be run again or edited; with
+--at S, it continues from the state at S with the same bits. Bags and logs become one MCAP file, each message byte for
+byte, with --from and --to a part; it is a bag, which replay does not accept. A log and one that continues it (--at)
+become the log of the whole run. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if
+needed) becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
 
 Exit codes: 0 done; 1 what could not be read, some of several inputs or some messages, is left out and named; 2 bad
 input.
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet, .yaml or .mcap")
     parser.add_argument(
         "--at", type=real("a number of seconds, 0 or more", lambda v: v >= 0.0), metavar="S",
-        help="of a .yaml: begin the scene with the state at S, so that it goes on with the same bits",
+        help="of a .yaml: begin the scene with the state at S, so that it continues with the same bits",
     )  # fmt: skip
     add_window(parser, "convert")
     for kind in ("pose", "twist", "wrench"):

@@ -2,8 +2,8 @@
 
 A recording is a log of this package, any ROS 2 bag of pose, odometry, twist or gyro, or a .csv (--columns), with the
 commands in it or in another bag (--wrench). The scene says what is known: the body to begin with, frames, channels and
-effects. What the recordings cannot tell is said and keeps the value of the scene: a flight without torque tells ratios
-of the moments only, one without force no mass.
+effects. What the recordings cannot determine is reported and keeps the value of the scene: a flight without torque
+determines only ratios of the moments, one without force no mass.
 
 Residuals far beyond noise are named: the model then lacks something. Exit codes: 0 everything asked for is known; 1
 something asked for cannot be known from these recordings, the fit does not follow them or did not come to rest; 2 bad
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rb_dynamics.analysis.identification.identify import Identification
 
-HELP = "tell mass properties from recordings, with error bars"
+HELP = "estimate mass properties from recordings, with error bars"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,11 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topics(parser)
     parser.add_argument(
         "--validate", action="append", default=[], metavar="BAG",
-        help="recording that is predicted with what was found, its start alone fitted; may be repeated",
+        help="recording to predict with what was found, fitting only its start; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--loss", choices=("linear", "soft_l1", "huber", "cauchy"), default="linear",
-        help="how large residuals count; all but linear, least squares, bear outliers",
+        help="weighting of large residuals; all but linear (least squares) tolerate outliers",
     )  # fmt: skip
     starts = whole("a whole number of at least 1", lambda v: v >= 1)
     parser.add_argument("--starts", type=starts, default=4, metavar="N", help="starts of the fit (default 4)")

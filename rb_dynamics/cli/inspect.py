@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--target",
         metavar="X,Y,Z,W",
         type=_attitude,
-        help="attitude to point at, body to world: tell the angle from it",
+        help="attitude to point at, body to world: report the angle from it",
     )
     add_topics(parser)
     add_window(parser, "inspect")
