@@ -184,7 +184,7 @@ def explain(
     length = measured_length(scene)
     given, (commands, remarks) = commands, probed(scene, commands, length)
     if rejected := post_all(Simulation(scene), commands):
-        remarks.append(f"{len(rejected)} of {len(commands)} wrench commands were rejected; the first: {rejected[0]}")
+        remarks.append(f"{len(rejected)} of {len(commands)} commands were rejected; the first: {rejected[0]}")
     if scene.duration is None and scene.output_rate > 0.0:
         # An open-ended scene has at least one output, at the end of the timed run.
         scene = replace(scene, output_rate=max(scene.output_rate, 1.0 / length))

@@ -80,10 +80,10 @@ def test_a_wheel_near_its_limit_an_on_time_too_short_and_slow_commands_are_said(
     said = capsys.readouterr().err
     assert near in said
     assert slow in said
-    assert "4 of 6 wrench commands were rejected" in said
+    assert "4 of 6 commands were rejected" in said
     assert main(["explain", str(scene), "--wrench", str(bag)]) == 0
     said = capsys.readouterr().out
     assert near in said
     assert slow in said
-    assert "4 of 6 wrench commands were rejected" in said
+    assert "4 of 6 commands were rejected" in said
     assert not rb.simulate(rb.parse_scene(FULL), COMMANDS[1:]).remarks

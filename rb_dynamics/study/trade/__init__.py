@@ -95,7 +95,7 @@ def trade(
     commands, remarks = probed(scene, commands, length)
     accepted_commands = accepted(scene, commands)
     if len(accepted_commands) < len(commands):
-        remarks.append(f"{len(commands) - len(accepted_commands)} of {len(commands)} wrench commands were rejected")
+        remarks.append(f"{len(commands) - len(accepted_commands)} of {len(commands)} commands were rejected")
     trial, reference, truth = find_reference(
         trial_of(scene, accepted_commands, _PILOT * time_s, stopwatch),
         [begin + share * time_s for share in _REFERENCE],

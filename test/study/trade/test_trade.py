@@ -303,7 +303,7 @@ def test_where_the_whole_is_too_long_the_error_is_taken_to_grow_and_the_text_say
 def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
     commands = [("wrench", Wrench(torque=(0.1, 0.0, 0.0))), ("wrench", Wrench((1.0, 0.0, 0.0), frame_id="nowhere"))]
     found = trade(parse_scene(SPINNING + "duration: 1"), commands, time_s=1.0, clock=CLOCK)
-    assert "1 of 2 wrench commands were rejected" in found.remarks
+    assert "1 of 2 commands were rejected" in found.remarks
 
 
 @needs_numba
