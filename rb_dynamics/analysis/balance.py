@@ -17,6 +17,7 @@ from rb_dynamics.analysis.impulse import impulse_blocks, wander
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, sizes_of
 from rb_dynamics.logs.messages import SET_STATE
+from rb_dynamics.numerics.growing_array import give_back
 
 Blocks: TypeAlias = Callable[[], Iterator[Array]]
 """Gives rows in blocks, each time anew: of a long log they take as much memory as the log."""
@@ -162,6 +163,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
         for exact, turned in turning():
             sums = np.cumsum(np.concatenate([sums[-1:], exact + turned]), axis=0)
             yield series.values[first : first + len(exact)] - sums[1:]
+            give_back(series.values)
             first += len(exact)
 
     by_quadrature = float(error[good].sum())
@@ -255,7 +257,7 @@ def _from_start(
             yield defect
 
     total = int(time_ns[-1] - time_ns[0])
-    covered = float(int(np.diff(time_ns)[good[1:]].sum()) / total) if total else 0.0
+    covered = float(int(np.diff(time_ns).sum(where=good[1:])) / total) if total else 0.0
     if own:
         return blocks, covered, None
     starts = np.maximum.accumulate(np.where(good, 0, np.arange(len(good))))[known]

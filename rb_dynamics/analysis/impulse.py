@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.noise import typical
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 Rates = TypeVar("Rates", Array, Times)
@@ -69,6 +70,9 @@ def impulse_blocks(track: Track, kind: str, time_ns: Times) -> Iterator[Impulse]
         # The first row of a block belongs to no interval.
         new = slice(1 if block.start else 0, None)
         yield Impulse(part.exact[new], part.turning[new], part.error[new], part.idle[new])
+        for series in (track.pose, track.twist) if known else ():
+            if series is not None:
+                give_back(series.values)
 
 
 def wander(track: Track, turning: Array, time_ns: Times) -> Array:

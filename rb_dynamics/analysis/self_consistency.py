@@ -37,6 +37,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.logs.own_log import logged_scene
+from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.scene.model import Scene
@@ -133,14 +134,18 @@ def _odometry(track: Track) -> Check | None:
     name, wrong = f"{odom.name} repeats pose and twist", None
     for place, other in enumerate((pose, twist)):
         times, here, there = shared(odom.stamps, other.stamps)
-        differing = odom.fingerprints[here, place] != other.fingerprints[there, 0]
+        differing = np.zeros(len(times), dtype=bool)
+        for first in range(0, len(times), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            mine, others = (part if isinstance(rows, slice) else rows[part] for rows in (here, there))
+            differing[part] = odom.fingerprints(mine)[:, place] != other.fingerprints(others)[:, 0]
         whole = len(times) == other.count == odom.count or not track.bag.complete
         if not whole:
             return Check(name, False, f"{odom.count} messages, {len(times)} of the same time as the {other.count} on "
                                       f"{other.name}")  # fmt: skip
         if differing.any() and wrong is None:
-            first = _seconds(track, int(times[int(differing.argmax())]))
-            wrong = f"{int(differing.sum())} of {len(times)} say something else than {other.name}, first at {first}"
+            when = _seconds(track, int(times[int(differing.argmax())]))
+            wrong = f"{int(differing.sum())} of {len(times)} say something else than {other.name}, first at {when}"
     return Check(name, wrong is None, wrong or f"{odom.count} messages, to the last bit")
 
 
@@ -191,6 +196,9 @@ def _add_errors(
             part = _within(series, begin, end)
             times, here, there = shared(part.time_ns, computed.time_ns)
             errors.add(times, sizes_of(part.values[here] - getattr(computed, kind)[there]))
+            give_back(series.values)
+        give_back(pose.values)
+        give_back(twist.values)
 
 
 def _within(series: TimeSeries, begin_ns: int, end_ns: int) -> TimeSeries:
@@ -374,17 +382,19 @@ class _FitsScene:
             return f"the stamps of {pose.name} are not its log times"
         if not 0.0 < self.scene.output_rate <= _FASTEST or len(times) < 2:
             return ""
-        at = times * rate
-        number = np.round(at)
-        # The last sample is at the end of the run.
-        off = (np.abs(at - number) > 0.5000001 * rate + _SUM * at)[:-1]
-        if off.any():
-            return f"{pose.name} has a sample at {_seconds(self.track, int(times[off.argmax()]))}, where none is due"
-        wide = np.diff(at) > 1.0 + 1.5 * rate + _SUM * at[1:]
-        if bag.complete and wide.any():
-            first = int(times[int(wide.argmax())])
-            return f"samples after {_seconds(self.track, first)} are missing: {self.scene.output_rate:g} Hz were due"
-        return ""
+        missing = ""
+        for first in range(0, len(times) - 1, _BLOCK):
+            part = times[first : first + _BLOCK + 1]
+            at = part * rate
+            # The last sample is at the end of the run.
+            off = (np.abs(at - np.round(at)) > 0.5000001 * rate + _SUM * at)[:-1]
+            if off.any():
+                return f"{pose.name} has a sample at {_seconds(self.track, int(part[off.argmax()]))}, where none is due"
+            wide = np.diff(at) > 1.0 + 1.5 * rate + _SUM * at[1:]
+            if bag.complete and wide.any() and not missing:
+                when = _seconds(self.track, int(part[int(wide.argmax())]))
+                missing = f"samples after {when} are missing: {self.scene.output_rate:g} Hz were due"
+        return missing
 
     def _end(self) -> str:
         told, pose = self.track.bag.metadata.get(RESULT, {}).get("end_time_ns", ""), _topic(self.track, "pose")

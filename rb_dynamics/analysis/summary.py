@@ -285,7 +285,7 @@ def _fitted_instead(track: Track) -> str:
         return ""
     if pose is None or twist is None:
         why = f"no topic of a {'pose' if pose is None else 'twist'}"
-    elif np.isnan(twist.values).any():
+    elif twist.partial:
         why = f"{twist.topic} tells the angular velocity alone"
     else:
         why = f"too few samples of {pose.topic} and {twist.topic} share a stamp at which the wrench is known"
@@ -517,12 +517,12 @@ def _missing(track: Track) -> list[str]:
     lacks = []
     if track.pose is None:
         lacks.append("No topic of a pose: position, attitude and everything in world axes are not known.")
-    elif np.isnan(track.pose.values).any():
+    elif track.pose.partial:
         lacks.append(f"{track.pose.topic} tells the attitude alone: the position is not known.")
     if track.twist is None:
         rest = "momenta and energy" if track.rates else "velocities, momenta and energy"
         lacks.append(f"No topic of a twist: {rest} are not known.")
-    elif np.isnan(track.twist.values).any():
+    elif track.twist.partial:
         lacks.append(
             f"{track.twist.topic} tells the angular velocity alone: velocity, linear momentum and energy are not known."
         )

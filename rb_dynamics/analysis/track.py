@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 Array: TypeAlias = NDArray[np.float64]
@@ -47,6 +48,11 @@ class TimeSeries:
     disorder: Disorder | None = None
     unusable: int = 0
     strays: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def partial(self) -> bool:
+        """Whether there are columns that nothing measures."""
+        return any(bool(np.isnan(rows).any()) for rows in in_blocks(self.values))
 
     @property
     def left_out(self) -> int:
@@ -220,6 +226,7 @@ def in_blocks(rows: _Items) -> Iterator[_Items]:
     """Yield rows in blocks: what is computed of all rows of a long log takes as much memory as the log."""
     for first in range(0, len(rows), _BLOCK):
         yield rows[first : first + _BLOCK]
+        give_back(rows)
 
 
 def sizes_of(rows: Array) -> Array:

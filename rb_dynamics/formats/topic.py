@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from array import array
 from collections.abc import Sequence
 from typing import Any
 
@@ -31,6 +30,7 @@ from rb_dynamics.formats.message_types import (
     VECTOR,
     WRENCH,
 )
+from rb_dynamics.numerics.growing_array import GrowingArray
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -100,8 +100,8 @@ class Topic:
         self._waiting: list[Bytes] = []
         self.error: LogError | None = None
         # Stamps are mostly the log times: they are kept apart from the first on that is not.
-        self._stamps: array[int] | None = None
-        self._numbers = array("d")
+        self._stamps: GrowingArray | None = None
+        self._numbers = GrowingArray()
         # First row, and the strings of a message, from where they change on.
         self._texts: list[tuple[int, tuple[str, ...]]] = []
 
@@ -140,9 +140,10 @@ class Topic:
         kept.qos, kept.count = self.qos, int(rows.sum())
         kept._times = [self.log_times[rows]]
         if self._stamps is not None:
-            kept._stamps = array("q", self.stamps[rows].tobytes())
+            kept._stamps = GrowingArray()
+            kept._stamps.add(self.stamps[rows])
         if self._width:
-            kept._numbers.frombytes(_view(self._numbers, "u8").reshape(self.count, self._width)[rows].tobytes())
+            kept._numbers.add(self._numbers.view("u8").reshape(self.count, self._width)[rows])
         before = np.concatenate([[0], np.cumsum(rows)]).tolist()
         texts = {before[row]: text for row, text in self._texts}
         kept._texts = [(row, text) for row, text in texts.items() if row < kept.count]
@@ -170,7 +171,7 @@ class Topic:
             LogError: a message is cut short or not CDR; likewise of `numbers` and `texts`.
         """
         self._taken()
-        return self.log_times if self._stamps is None else _view(self._stamps, "i8")
+        return self.log_times if self._stamps is None else self._stamps.view("i8")
 
     @property
     def stamps_given(self) -> bool:
@@ -181,15 +182,15 @@ class Topic:
     def numbers(self) -> Values:
         """One row for each message, of its numbers in their order; without covariances. Empty if they are not kept."""
         self._taken()
-        return _view(self._numbers, "f8").reshape(self.count, self._width) if self._keeps else np.empty((self.count, 0))
+        return self._numbers.view("f8").reshape(self.count, self._width) if self._keeps else np.empty((self.count, 0))
 
-    @property
-    def fingerprints(self) -> Prints:
-        """One row for each message, one whole number for each of its fields: equal for equal bits, else hardly ever."""
+    def fingerprints(self, rows: slice | NDArray[np.intp]) -> Prints:
+        """Return for each message one whole number for each of its fields: equal for equal bits, else hardly ever."""
         self._taken()
         if self._keeps:
-            return _fingerprints(self.type_name, self._fields, self.numbers)
-        return _view(self._numbers, "u8").reshape(self.count, self._width)
+            return _fingerprints(self.type_name, self._fields, self.numbers[rows])
+        found: Prints = self._numbers.view("u8").reshape(self.count, self._width)[rows]
+        return found
 
     @property
     def texts(self) -> list[tuple[int, tuple[str, ...]]]:
@@ -247,11 +248,12 @@ class Topic:
         begin = len(self._numbers) // self._width
         if self.stamped:
             if self._stamps is None and (stamps != self._last_times(len(stamps))).any():
-                self._stamps = array("q", self.log_times[:begin].tobytes())
+                self._stamps = GrowingArray()
+                self._stamps.add(self.log_times[:begin])
             if self._stamps is not None:
-                self._stamps.frombytes(stamps.tobytes())
+                self._stamps.add(stamps)
         kept = numbers if self._keeps else _fingerprints(self.type_name, self._fields, numbers)
-        self._numbers.frombytes(kept.tobytes())
+        self._numbers.add(kept)
         for row, text in texts:
             if not self._texts or self._texts[-1][1] != text:
                 self._texts.append((begin + row, text))
@@ -330,7 +332,3 @@ def _length(type_name: str, field: int) -> int:
     """Return how many float64 a field holds; 0 for a stamp or a string."""
     count = cdr.LAYOUTS[type_name][field]
     return count if isinstance(count, int) else 0
-
-
-def _view(values: array[Any], kind: str) -> NDArray[Any]:
-    return np.frombuffer(values, dtype=kind) if values else np.empty(0, dtype=kind)
