@@ -24,6 +24,11 @@ class GrowingArray:
         self._file: IO[bytes] | None = None
         self._in_file = 0
 
+    def __del__(self) -> None:
+        """Close the file; arrays that `view` gave keep it for themselves."""
+        if self._file is not None:
+            self._file.close()
+
     def __len__(self) -> int:
         """Return how many numbers there are."""
         return (self._in_file + len(self._bytes)) // 8
