@@ -16,8 +16,9 @@ import contextlib
 import hashlib
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -207,20 +208,25 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
     found = Replay(commands=count, complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
-    if facts.commands:
+    moments = {change.time_ns for change in facts.moves}
+    if commands := [each for each in facts.commands if each[2] not in moments]:
         numbers = {channel.topic: number for number, channel in enumerate(facts.scene.channels)}
-        commands = [(numbers[topic], wrench, time_ns) for topic, wrench, time_ns in facts.commands]
         # A rejected command is rejected again.
-        run.post_batch(CommandBatch.of([listed(commands)]))
+        run.post_batch(CommandBatch.of([listed([(numbers[topic], wrench, at) for topic, wrench, at in commands])]))
     for topic, value, time_ns in facts.setpoints:
-        with contextlib.suppress(WrenchError):
-            run.actuate(topic, value, time_ns)
-    for change in facts.moves:
-        run.set_state(change)
+        if time_ns not in moments:
+            _actuate(run, topic, value, time_ns)
     run.start()
     try:
+        around = deque(facts.around_moves(path, moments))
         for part in range(1, _PARTS + 1):
-            run.advance(facts.end_ns * part // _PARTS)
+            until_ns = facts.end_ns * part // _PARTS
+            while around and around[0][0] <= until_ns:
+                time_ns, take = around.popleft()
+                # What a lag lets act is told in axes that a move turns: each is to come when it came.
+                run.advance(time_ns)
+                take(run)
+            run.advance(until_ns)
             if progress is not None:
                 progress(part / _PARTS)
             if found.gap_ns is not None:
@@ -228,6 +234,16 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
     finally:
         run.finish()
     return found
+
+
+def _actuate(run: Simulation, topic: str, value: float, time_ns: int) -> None:
+    with contextlib.suppress(WrenchError):
+        run.actuate(topic, value, time_ns)
+
+
+def _post(run: Simulation, topic: str, wrench: Wrench, time_ns: int) -> None:
+    with contextlib.suppress(WrenchError):
+        run.post(topic, wrench, time_ns)
 
 
 @dataclass
@@ -291,6 +307,21 @@ class _Facts:
             names[SET_STATE[0]] = moves[0].channel.topic
         changes = [decode_state_change(message) for message in moves]
         return cls(scene, names, commands, setpoints, changes, source.metadata, said, complete, end_ns)
+
+    def around_moves(self, path: str | Path, moments: Set[int]) -> Iterator[tuple[int, Callable[[Simulation], None]]]:
+        """Yield the time (ns) of each move from outside, and of each command of such a time, and how a run takes it.
+
+        They come in the order in which they were logged.
+        """
+        for message in open_source(path).messages() if moments else ():
+            if message.log_time not in moments:
+                continue
+            for topic, wrench, time_ns in received_commands(self.scene, self.names, [message]):
+                yield time_ns, partial(_post, topic=topic, wrench=wrench, time_ns=time_ns)
+            for topic, value, time_ns in received_setpoints(self.scene, self.names, [message]):
+                yield time_ns, partial(_actuate, topic=topic, value=value, time_ns=time_ns)
+            if _is_state_change(message.channel):
+                yield message.log_time, partial(Simulation.set_state, change=decode_state_change(message))
 
 
 class _Records:

@@ -666,15 +666,16 @@ def test_what_comes_one_by_one_while_time_stands_replays(tmp_path: Path) -> None
     """As in a paused node: rejected commands between those that a delay keeps waiting, moves between commands."""
     scene = parse_scene(
         "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.3, -0.2, 0.1]}\n"
-        "wrenches: [{topic: a, delay: 0.05}, {topic: b}]\n"
+        "wrenches: [{topic: a, delay: 0.05}, {topic: b, lag: 0.1}]\n"
         "actuators:\n- {type: reaction_wheel, name: x, axis: [1, 2, 3], inertia: 0.1, friction: {coulomb: 0.01}}\n"
         "- {type: reaction_wheel, name: y, axis: [0, 1, 0], inertia: 0.1}\nduration: 0.5\noutput_rate: 20\n"
     )
     path, time_ns = tmp_path / "run.mcap", 123_456_789
     run = Simulation(scene, [McapSink(path)])
     run.start()
-    moved = StateChange.to(State(0, angular_velocity_body=(0.5, 0.4, -0.3)), scene.body)
-    for topic in ("a", "y", "a", "nowhere", "move", "b", "x", "y", "a", "x"):
+    run.post("b", Wrench((1.0, 2.0, 3.0), frame_id="world"), 10_000_000)
+    moved = StateChange.to(State(0, orientation_xyzw=(0.6, 0.0, 0.0, 0.8)), scene.body)
+    for topic in ("a", "y", "a", "nowhere", "b", "move", "b", "x", "y", "a", "x", "move", "b"):
         run.advance(time_ns)
         if topic in ("x", "y"):
             run.actuate(f"{topic}/command", 0.5 if run.sample.work else 0.0, time_ns)
