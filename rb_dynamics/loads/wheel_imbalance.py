@@ -24,6 +24,9 @@ _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 SEEN = 0.5 * math.pi
 """Angle (rad) by which a wheel may turn in a step: beyond it, errors of a step may look small by chance."""
 
+RESOLVED = math.pi
+"""Angle (rad) by which a wheel may turn in a fixed step: there the motion is off by 1e-4 of what its imbalance does."""
+
 
 class WheelImbalance(NamedTuple):
     """Force (kg m) and torque about the centre of mass (kg m^2) per square of the speed, in principal axes.

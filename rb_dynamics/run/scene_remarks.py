@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from statistics import median
 
+from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -22,9 +23,6 @@ TURN_SEEN = 0.5
 
 STREAM = 5
 """At least this many commands of a topic are a stream."""
-
-_TURN_RESOLVED = math.pi
-"""Angle (rad) by which an unbalanced wheel may turn in a step: there the motion is off by 1e-4 of what it causes."""
 
 
 def scene_remarks(scene: Scene) -> list[str]:
@@ -90,10 +88,10 @@ def _steps_too_long(scene: Scene) -> list[str]:
     step, found = scene.solver.step, []
     for wheel in scene.wheels:
         speed = max(abs(wheel.speed), 0.0 if math.isinf(wheel.max_speed) else wheel.max_speed)
-        if step is not None and not wheel.is_balanced and speed * step > _TURN_RESOLVED:
+        if step is not None and not wheel.is_balanced and speed * step > RESOLVED:
             found.append(
                 f"{wheel.name} turns by {speed * step:.2g} rad in a step of {step:g} s at {speed:g} rad/s, too far to "
-                f"resolve its imbalance; take a step of {_TURN_RESOLVED / speed:.1g} s or less, or give "
+                f"resolve its imbalance; take a step of {RESOLVED / speed:.1g} s or less, or give "
                 "solver.accuracy"
             )
     return found

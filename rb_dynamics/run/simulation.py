@@ -27,6 +27,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.transient import Transient, TransientLoad
+from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
 from rb_dynamics.loads.wrench_channels import (
@@ -128,8 +129,8 @@ class Simulation:
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
-        # Wheels that have come near their largest speed, and when first.
-        self._full: dict[str, int] = {}
+        # By wheel and limit.
+        self._remarks: dict[tuple[str, str], str] = {}
         self.continues = False
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
@@ -550,19 +551,24 @@ class Simulation:
 
     @property
     def remarks(self) -> list[str]:
-        """What came near its limit so far, in full sentences."""
-        most = {wheel.name: wheel.max_speed for wheel in self.scene.wheels}
-        return [
-            f"{name} was near its max_speed of {most[name]:g} rad/s at {time_ns / NANOSECONDS:.9g} s, beyond which it "
-            "gives no torque"
-            for name, time_ns in self._full.items()
-        ]
+        """What came near a limit so far, in full sentences."""
+        return list(self._remarks.values())
 
     def _look_at_wheels(self, wheels: WheelSet) -> None:
+        """Remember the first time at which each wheel is near a limit."""
         speeds = wheels.speeds(self._phase.angular_velocity, self._phase.inner)
+        step, at = self.scene.solver.step or 0.0, f"{self.time_ns / NANOSECONDS:.9g} s"
         for wheel, speed in zip(wheels.wheels, speeds, strict=True):
-            if abs(speed) >= NEAR_LIMIT * wheel.max_speed:
-                self._full.setdefault(wheel.name, self.time_ns)
+            if abs(speed) >= NEAR_LIMIT * wheel.max_speed and (wheel.name, "full") not in self._remarks:
+                self._remarks[wheel.name, "full"] = (
+                    f"{wheel.name} was near its max_speed of {wheel.max_speed:g} rad/s at {at}, beyond which it gives "
+                    "no torque"
+                )
+            if abs(speed) * step > RESOLVED and not wheel.is_balanced and (wheel.name, "step") not in self._remarks:
+                self._remarks[wheel.name, "step"] = (
+                    f"{wheel.name} turned by {abs(speed) * step:.2g} rad per step of {step:g} s at {at}, too far to "
+                    "resolve its imbalance; take shorter steps, or give solver.accuracy"
+                )
 
     def _write_sample(self) -> None:
         """Pass to the sinks the state, and the wrenches that are changing gradually."""

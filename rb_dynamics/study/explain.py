@@ -60,7 +60,7 @@ NOT_MODELLED = (
     "joints, several bodies that act on each other",
     "flexible parts, slosh, cables",
     "mass that leaves: propellant, staging",
-    "a magnetic field beyond a uniform one, a dipole that stands still and the main field of the Earth (IGRF)",
+    "magnetic fields other than a uniform one, a fixed dipole and the main field of the Earth (IGRF)",
     "free surfaces, waves, added mass",
     "atmosphere models, aerodynamic tables, solar pressure",
     "harmonics, third bodies, ephemerides",

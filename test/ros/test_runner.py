@@ -47,7 +47,8 @@ def runner(
 ) -> Runner:
     scene = parse_scene(text)
     said = [] if said is None else said
-    health = Health("/body", [channel.topic for channel in scene.channels], lambda level, message: said.append(message))
+    topics = [*(channel.topic for channel in scene.channels), *(each.topic for each in scene.actuators)]
+    health = Health("/body", topics, lambda level, message: said.append(message))
     body = Runner(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
     body.start()
     return body
@@ -604,3 +605,24 @@ def test_what_is_told_of_a_pause_holds_as_long_as_the_pause() -> None:
     assert (status().level, body.health.failure) == (1, "")
     assert status().message.startswith("went on after it had paused at simulation time 0 s")
     assert (status().values["simulation time"], status().values["header.stamp"]) == ("0.000000000 s", "0.000000001 s")
+
+
+def test_commands_slower_than_the_body_turns_and_a_wheel_near_its_limit_are_told_once() -> None:
+    """At 2 rad/s commands every 0.3 s are 0.6 rad apart; the wheel comes to 100 rad/s in 0.1 s."""
+    text = SCENE.replace("[0.3, -0.2, 0.1]", "[0, 0, 2]").replace("duration: 1.0", "duration: 3.0")
+    text = text.replace("solver: {method: rkmk4, step: 0.005}\n", "")
+    text += "actuators: [{type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 1.0e-4, max_speed: 100}]\n"
+    said: list[str] = []
+    body = runner(text, said=said)
+    body.actuate("wheel/command", 0.1)
+    for k in range(9):
+        body.command("wrench", Wrench(torque=(0.0, 0.0, 1e-3)))
+        run_steps(body, 30)
+        body.every_second()
+        if k == 4:
+            assert not any("turns by" in message for message in said)
+    (slow,) = (message for message in said if "turns by" in message)
+    assert slow.startswith("wrench: the body turns by 0.6 rad from one command to the next")
+    assert [message for message in said if "max_speed" in message] == [
+        "wheel is near its max_speed of 100 rad/s, beyond which it gives no torque"
+    ]

@@ -39,6 +39,13 @@ def test_steps_that_do_not_resolve_an_imbalance_are_named(speed: str, solver: st
     )
 
 
+def test_steps_too_long_for_a_wheel_that_speeds_up_are_named_by_the_run() -> None:
+    text = SHAKEN.replace("SPEED", "max_torque: 1.0").replace("SOLVER", "{step: 0.02}")
+    (found,) = rb.simulate(rb.parse_scene(text), [("wheel/command", rb.Setpoint(0.5))]).remarks
+    assert found.startswith("wheel turned by ")
+    assert "too far to resolve its imbalance" in found
+
+
 def test_simulate_and_explain_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "shaken.yaml"
     path.write_text(SHAKEN.replace("SPEED", "speed: 300").replace("SOLVER", "{step: 0.02}"), encoding="utf-8")

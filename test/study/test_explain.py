@@ -170,7 +170,7 @@ def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:
 def test_what_is_in_no_scene_is_what_the_page_of_limits_says() -> None:
     page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
     rows = [line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if line.startswith("| ")]
-    assert tuple(rows[1 : rows.index("you want")]) == NOT_MODELLED
+    assert tuple(rows[1 : rows.index("if you want")]) == NOT_MODELLED
     found = explain(parse_scene(RIGID + "duration: 1"), budget=0.1)
     assert found.left_out[-len(NOT_MODELLED) :] == tuple(f"{thing}: never modelled" for thing in NOT_MODELLED)
     assert all(thing in found.as_text() for thing in NOT_MODELLED)

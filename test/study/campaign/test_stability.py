@@ -191,3 +191,20 @@ def test_a_wheel_near_its_limit_and_rejected_commands_are_named(tmp_path: Path) 
     near, rejected = remarks(read_campaign(write(tmp_path, loop, JETS_AND_WHEEL)))
     assert near.startswith("wheel comes near its max_speed of 60 rad/s in run 0, at 2 s")
     assert rejected.startswith("5 commands are rejected in the first 6 samples of run 0, such as an on-time below")
+
+
+DAMPING = """\
+def law(parameters):
+    return lambda measured: -parameters["gain"][:, None] * measured.angular_velocity_body
+"""
+
+
+def test_a_law_that_hears_sensors_as_slow_as_itself_is_tried_with_faster_ones(tmp_path: Path) -> None:
+    """With the old ones, sampling twice as often would change nothing: damping by 2.5 inertias per period grows."""
+    (tmp_path / "damping.py").write_text(DAMPING, encoding="utf-8")
+    loop = LOOP.replace("wheel_law.law", "damping.law").replace("gain: 0.0", "gain: GAIN")
+    ball = f"{BALL}sensors: [{{type: imu, name: imu, rate: 1, gyro: {{noise_density: 1.0e-5}}}}]\n"
+    (told,) = remarks(read_campaign(write(tmp_path, loop.replace("GAIN", "2.5"), ball)))
+    assert told.startswith("damping.law depends on its period of 1 s")
+    assert "sensors as fast" in told
+    assert remarks(read_campaign(write(tmp_path, loop.replace("GAIN", "1.5"), ball))) == []
