@@ -1,19 +1,27 @@
-"""Measure the peak memory of `inspect` by the length of a log.
+"""Measure time and peak memory of `inspect` by the length of a recording.
 
 Usage: python benchmarks/inspection.py [samples ...]
 
-Each log is of one free body at 1 kHz and is inspected in a process of its own. Prints samples, size of the log, peak
-resident and anonymous memory at the end, and processor time.
+Each recording is of one free body at 1 kHz: a log of this package, and its Odometry and pose alone in a bag, as another
+program would record them. Each is inspected in a process of its own. Prints samples, size, peak resident memory and
+time, on the clock and of the processor, with that to start.
 """
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 import tempfile
+import time
+from contextlib import closing
 from pathlib import Path
 
 import rb_dynamics as rb
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.output_file import OutputFile
+from rb_dynamics.formats.recovery import Copy
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
@@ -23,26 +31,44 @@ wrenches: [{topic: wrench}]
 output_rate: 1000
 """
 INSPECT = """
-import sys, time
+import sys
 from rb_dynamics.analysis.inspection import inspect
-kept = inspect(sys.argv[1])
-status = dict(line.split(":") for line in open("/proc/self/status"))
-print(*(int(status[name].split()[0]) / 1024 for name in ("VmHWM", "RssAnon")), time.process_time())
+inspect(sys.argv[1])
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 
 
 def main() -> None:
-    for count in [int(text) for text in sys.argv[1:]] or [200_000, 400_000, 800_000]:
+    for count in [int(text) for text in sys.argv[1:]] or [100_000, 400_000, 1_350_000]:
         with tempfile.TemporaryDirectory() as folder:
-            log = Path(folder, "run.mcap")
+            log, bag = Path(folder, "run.mcap"), Path(folder, "bag.mcap")
             rb.simulate(rb.parse_scene(SCENE, overrides={"duration": count / 1000.0}), (), [McapSink(log)])
-            command = [sys.executable, "-c", INSPECT, str(log)]
-            said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-            peak, anonymous, seconds = map(float, said.split())
-            size = log.stat().st_size / 1e6
-            print(
-                f"{count} samples, {size:.0f} MB: peak {peak:.0f} MiB, {anonymous:.0f} MiB at the end, {seconds:.1f} s"
-            )
+            measure("log of this package", log, count)
+            write_bag(log, bag)
+            measure("bag", bag, count)
+
+
+def write_bag(log: Path, bag: Path) -> None:
+    """Copy the motion, but not what only this package writes."""
+    source = open_source(log)
+    with closing(OutputFile(bag)) as file:
+        copy = Copy(McapWriter(file, "benchmark"))
+        for message in source.messages():
+            if message.channel.topic in ("/odom", "/pose"):
+                copy.add(message)
+        copy.finish((), {}, {})
+
+
+def measure(what: str, path: Path, count: int) -> None:
+    """Print what it takes to inspect a recording."""
+    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    said = subprocess.run([sys.executable, "-c", INSPECT, str(path)], capture_output=True, text=True, check=True).stdout
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    size, peak = path.stat().st_size / 1e6, int(said) / 1024
+    print(
+        f"{what}: {count} samples, {size:.0f} MB: peak {peak:.0f} MiB, {wall:.1f} s, {processor:.1f} s of the processor"
+    )
 
 
 if __name__ == "__main__":

@@ -41,7 +41,15 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
-from rb_dynamics.logs.own_log import SampleRow, logged_scene, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.logs.own_log import (
+    SampleRow,
+    logged_scene,
+    received_commands,
+    row_blocks,
+    row_columns,
+    rows,
+    scene_and_names,
+)
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.number_parsing import exact_number, real_number
 from rb_dynamics.numerics.rotation import rotate
@@ -234,17 +242,18 @@ def _samples_to_table(
 
     def samples() -> Iterator[Rows]:
         for path, scene, names in parts:
-            place = {name: k + 1 for k, name in enumerate(row_columns(scene, names))}
-            found = rows(scene, names, open_source(path).messages())
-            lines = ((row.time_ns, *row.numbers) for row in found if row.time_ns in span)
-            for batch in _batches(lines):
-                by_column = list(zip(*batch, strict=True))
-                block = [by_column[0], *(by_column[place[name]] if name in place else None for name in wide)]
-                yield [[str(path)] * len(batch), *block] if run else block
+            place = {name: k for k, name in enumerate(row_columns(scene, names))}
+            for times, numbers in row_blocks(scene, names, open_source(path).blocks()):
+                kept = (times >= span.first_ns) & (times <= span.last_ns)
+                if not kept.any():
+                    continue
+                found = numbers[kept]
+                block: list[Any] = [times[kept], *(found[:, place[name]] if name in place else None for name in wide)]
+                yield [[str(path)] * len(found), *block] if run else block
 
     def commands() -> Iterator[Rows]:
         for path, scene, names in parts:
-            received = received_commands(scene, names, open_source(path).messages())
+            received = received_commands(scene, names, _messages_of(path, {names[c.topic] for c in scene.channels}))
             lines = (
                 (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque)
                 for topic, wrench, time_ns in received
@@ -260,6 +269,17 @@ def _samples_to_table(
         count = write_table(beside, [*run, *_COMMAND_COLUMNS], itertools.chain(first, blocks))
         written.append(Written(beside, count, "commands"))
     return written
+
+
+def _messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield messages among which are those of these topics, in the order of the file."""
+    source = open_source(path)
+    if len(topics) > 1:
+        yield from source.messages()
+        return
+    for block in source.blocks():
+        if block.channel.topic in topics:
+            yield from block.messages()
 
 
 def _unit(name: str) -> str:

@@ -10,13 +10,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from rb_dynamics.errors import LogError, RigidBodyError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
-from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.mcap_records import Message, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.output_file import is_log
+from rb_dynamics.formats.topic import Times, Topic, Values
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import (
@@ -55,6 +58,8 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     ),
 }
 
+# Samples in a block.
+_ROWS = 10_000
 
 BY_ANY_METHOD: Mapping[str, object] = MappingProxyType({"solver": {}})
 """Overrides that read the scene of a log whose method is no longer there, where only its numbers are wanted."""
@@ -218,6 +223,36 @@ def rows(scene: Scene, names: Mapping[str, str], messages: Iterable[Message]) ->
         if all(waiting.values()):
             parts = [each.popleft() for each in waiting.values()]
             yield SampleRow(parts[0][0], tuple(number for _, part in parts for number in part))
+
+
+def row_blocks(
+    scene: Scene, names: Mapping[str, str], blocks: Iterable[MessageBlock]
+) -> Iterator[tuple[Times, Values]]:
+    """Yield the same in blocks: times (ns), and the numbers of each sample in the order of `row_columns`.
+
+    Raises:
+        LogError: a message is damaged.
+    """
+    types = dict((*SAMPLE_TOPICS, POTENTIAL, ACCEL))
+    waiting = {names[name]: Topic(names[name], types[name]) for name in _topics(scene, names)}
+
+    def taken(least: int) -> Iterator[tuple[Times, Values]]:
+        count = min(topic.count for topic in waiting.values())
+        count -= count % least
+        columns = [topic.numbers[:count] for topic in waiting.values()]
+        times = next(iter(waiting.values())).log_times
+        for first in range(0, count, _ROWS):
+            part = slice(first, min(first + _ROWS, count))
+            yield times[part], np.hstack([column[part] for column in columns])
+        for name, topic in waiting.items() if count else ():
+            waiting[name] = topic.only(np.arange(topic.count) >= count)
+
+    for block in blocks:
+        if (topic := waiting.get(block.channel.topic)) is not None:
+            topic.take(block)
+            if topic.count >= _ROWS:
+                yield from taken(_ROWS)
+    yield from taken(1)
 
 
 def _topics(scene: Scene, names: Mapping[str, str]) -> list[str]:

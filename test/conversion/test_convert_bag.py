@@ -347,7 +347,7 @@ def test_a_bag_without_quantities_is_refused_with_its_topics(tmp_path: Path) -> 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(convert_bag, "_ROWS", 1000)
     peaks = []
-    for count in (5_000, 15_000):
+    for count in (20_000, 40_000):
         bag = wrench_log(tmp_path / f"{count}.mcap", count)
         tracemalloc.start()
         try:
