@@ -104,7 +104,8 @@ class Pair(Protocol):
 LongestStep = Callable[[Inertia, HeldWrench, Vector, Quaternion, Vector, float, float], float]
 
 
-@dataclass(frozen=True, slots=True)
+# By identity: kernels are looked up by method at every arc, and to hash a tableau takes longer than a step.
+@dataclass(frozen=True, slots=True, eq=False)
 class Method:
     """A method of integration.
 

@@ -13,10 +13,11 @@ import os
 import time
 from bisect import insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from operator import attrgetter
-from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
@@ -77,7 +78,6 @@ _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 _NEVER = 2.0**-31
 
 
-@runtime_checkable
 class Batches(Protocol):
     """Commands that come as arrays, such as those of a recording.
 
@@ -862,7 +862,12 @@ class Simulation:
 
 def without_outputs(scene: Scene) -> Scene:
     """Return `scene` without outputs, for runs without sinks; the motion is the same."""
-    return scene if scene.output_rate == 0.0 else replace(scene, output_rate=_NEVER)
+    if scene.output_rate == 0.0:
+        return scene
+    # All else has been checked, and what the scene has found out of itself stays true.
+    found = copy(scene)
+    object.__setattr__(found, "output_rate", _NEVER)
+    return found
 
 
 def _sink(sink: Sink) -> Sink:
@@ -1059,8 +1064,8 @@ LOOK_AHEAD = 1000
 
 def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str]) -> Iterator[int]:
     """Post commands, yielding repeatedly the time (ns) until which all have been posted; at last the end."""
-    if isinstance(commands, Batches):
-        yield from _post_batches(run, commands, rejected)
+    if hasattr(commands, "batches"):
+        yield from _post_batches(run, cast("Batches", commands), rejected)
         return
     if isinstance(commands, Sequence):
         commands = sorted(map(as_command, commands), key=_stamp_ns)

@@ -187,7 +187,7 @@ class Scene:
                     "to effects"
                 )
 
-    @property
+    @cached_property
     def end_ns(self) -> int | None:
         """`duration` in whole nanoseconds, the end of a run."""
         return None if self.duration is None else nanoseconds(self.duration)
