@@ -268,7 +268,12 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
             items.append(f"rotation without torque: in closed form, {_FREE_ROTATION[kind]}")
             items.append("rotation about one principal axis: one angle, in closed form")
     items += [f"wrench channel {channel.topic}: held until its next command" for channel in scene.channels]
-    items += [f"actuator {each.name}: {each.kind}, commanded on {each.topic}" for each in scene.actuators]
+    shaking = {wheel.name for wheel in scene.wheels if not wheel.is_balanced}
+    items += [
+        f"actuator {each.name}: {each.kind}{', with imbalance' if each.name in shaking else ''}, commanded on "
+        f"{each.topic}"
+        for each in scene.actuators
+    ]
     items += [f"sensor {each.name}: {each.kind} at {each.rate:g} Hz; it changes no motion" for each in scene.sensors]
     held = {effect.kind for effect in scene.effects if effect.takes == LoadDependence.HELD}
     items += [

@@ -52,7 +52,9 @@ def test_simulate_and_explain_say_so(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["simulate", str(path)]) == 0
     assert "note: wheel turns by 6 rad in a step" in capsys.readouterr().err
     assert main(["explain", str(path)]) == 0
-    assert "note: wheel turns by 6 rad in a step" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "note: wheel turns by 6 rad in a step" in said
+    assert "actuator wheel: reaction_wheel, with imbalance, commanded on wheel/command" in said
 
 
 FULL = """
