@@ -34,6 +34,8 @@ _LEAST_INTERVALS = 10
 _ROUGH = 1e-4
 # An inertia, or an error of the rates, explains the residual if it leaves at most this fraction of it.
 _FITS = 0.1
+# Torques that ask for an inertia this many times larger or smaller are of other units.
+_OTHER_SIZE = 3.0
 # A body has I1 + I2 >= I3; a fit to noisy data may violate that by this fraction of I3.
 _FLAT = 0.01
 # A torque is significant at this multiple of its noise; means are taken over as many samples as that needs.
@@ -167,13 +169,18 @@ def residual(track: Track, bound: float) -> Residual | None:
     push_steps, turn_steps = (wander(track, each.turning, time_ns) for each in (push, turn))
     mass, mass_error = _of_mass(speed, pushed, stretch, push_steps)
     basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
-    fit = _of_inertia(body, basis, turned, stretch, turn_steps)
+    fit = _of_inertia(np.array(body.inertia), basis, turned, stretch, turn_steps)
     relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
     # An error of the quadrature is an explanation.
     accepted = bound + (float(turn.error[known].sum()) / scale if scale > 0.0 else 0.0)
     explained = relative <= accepted or not fit.noise.beyond
     fits = best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch, turn_steps).beyond
     explainable = fits and _possible(fit.inertia)
+    found = (
+        None if explained or explainable else _of_another_size(fit, basis, turn, turned, time_ns, stretch, turn_steps)
+    )
+    if found is not None:
+        explainable, best = True, _rms(found.best_left) / fit.scale
     bias = None if explained else _bias(body, attitude, fit.left, stretch, turn_steps)
     size = _block(fit.left, stretch, fit.noise)
     rows = np.arange(len(time_ns)).astype(np.float64)
@@ -193,8 +200,8 @@ def residual(track: Track, bound: float) -> Residual | None:
         torque_body=rotate_all_inverse(attitude[ends[1:][follows]], torque),
         relative=relative,
         best=best,
-        inertia=fit.inertia,
-        scaled=fit.scaled,
+        inertia=(found or fit).inertia,
+        scaled=(found or fit).scaled,
         mass=mass,
         mass_error=mass_error,
         explained=explained,
@@ -222,6 +229,7 @@ _UNITS = tuple(_unit(i, j) for i, j in _PLACES)
 
 @dataclass(frozen=True)
 class _Fit:
+    given: Array
     left: Array
     best_left: Array
     inertia: Array
@@ -231,9 +239,31 @@ class _Fit:
     unseen: tuple[float, float, float]
 
 
-def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels, steps: Array) -> _Fit:
+def _of_another_size(
+    fit: _Fit, basis: Array, turn: Impulse, turned: Array, time_ns: Times, stretch: Labels, steps: Array
+) -> _Fit | None:
+    """Return the fit from an inertia of the size that the torques show, if it explains the motion; else None.
+
+    Where the torques or the inertia given are in other units, what is felt, known and seen is told by that size.
+    """
+    momentum = centred(basis @ np.array([fit.given[i, j] for i, j in _PLACES]), stretch)
+    size = float(np.sum(momentum * centred(turned, stretch)) / max(np.sum(momentum**2), 1e-300))
+    if not size > 0.0 or 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
+        return None
+    known = turn.error <= _ROUGH * size * fit.scale
+    known[1:] &= np.diff(time_ns) > 0
+    known[:1] = False
+    if int(known[1:].sum()) < _LEAST_INTERVALS:
+        return None
+    stretch = np.cumsum(~known, dtype=np.int_)
+    found = _of_inertia(size * fit.given, basis, turned, stretch, steps)
+    fits = _rms(found.best_left) <= _FITS * _rms(found.left) or not judge(found.best_left, stretch, steps).beyond
+    return found if fits and found.scaled and _possible(found.inertia) else None
+
+
+def _of_inertia(matrix: Array, basis: Array, turned: Array, stretch: Labels, steps: Array) -> _Fit:
     """Return the residual of `basis` (n, 3, 6) times the inertia and the impulses so far (n, 3), as given and best."""
-    given = np.array([body.inertia[i][j] for i, j in _PLACES])
+    given = np.array([matrix[i, j] for i, j in _PLACES])
     momentum = basis @ given
     scale = float(np.linalg.norm(momentum, axis=1).max())
     left = centred(momentum - turned, stretch)
@@ -260,7 +290,7 @@ def _of_inertia(body: RigidBody, basis: Array, turned: Array, stretch: Labels, s
         best *= given[:3].sum() / best[:3].sum()
     inertia: Array = np.tensordot(best, np.array(_UNITS), axes=1)
     best_left = centred(basis @ best - turned, stretch)
-    return _Fit(left, best_left, inertia, scaled, scale, noise, _unseen(body, vectors, values[seen], noise))
+    return _Fit(matrix, left, best_left, inertia, scaled, scale, noise, _unseen(matrix, vectors, values[seen], noise))
 
 
 def _between(stretch: Labels) -> NDArray[np.bool_]:
@@ -269,9 +299,9 @@ def _between(stretch: Labels) -> NDArray[np.bool_]:
     return result
 
 
-def _unseen(body: RigidBody, directions: Array, values: Array, noise: Noise) -> tuple[float, float, float]:
+def _unseen(matrix: Array, directions: Array, values: Array, noise: Noise) -> tuple[float, float, float]:
     """Return the relative error of each principal moment, ascending, that noise may hide."""
-    moments, axes = np.linalg.eigh(np.array(body.inertia))
+    moments, axes = np.linalg.eigh(matrix)
     found = []
     for moment, axis in zip(moments, axes.T, strict=True):
         change = directions.T @ np.array([(1.0 if i == j else 2.0) * axis[i] * axis[j] for i, j in _PLACES])

@@ -69,6 +69,19 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     assert "; identify tells it with its errors." in said
 
 
+@pytest.mark.parametrize("factor", [1e-4, 1e-3, 1e3, 1e4])
+def test_an_inertia_in_other_units_is_no_torque_that_nobody_commanded(flight: Any, judged: Any, factor: float) -> None:
+    left = judged(flight, factor * TRUE, noise=1e-5)
+    assert not left.explained
+    assert left.explainable
+    assert left.scaled
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-2)
+    assert "does NOT explain the motion. The best fit, principal moments of " in residual_sentence(left, 0)
+    # Nor does another size excuse a torque.
+    hidden = judged(flight, factor * TRUE, wrenches=("/push/applied",), noise=1e-5)
+    assert not hidden.explainable
+
+
 def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(flight: Any, judged: Any) -> None:
     left = judged(flight, TRUE, wrenches=("/push/applied",))
     assert not left.explained
