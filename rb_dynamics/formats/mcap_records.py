@@ -82,10 +82,10 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-# The number of messages put into blocks together, where they come one by one or in small chunks.
+# The number of messages put into blocks together, where they come one by one.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
-# What is in the next chunks, in bytes, that are unpacked while those before are taken.
-_AHEAD_BYTES = 2**20
+# Chunks are taken together up to this size; and so much of the next ones is unpacked while those before are taken.
+_TOGETHER_BYTES = _AHEAD_BYTES = 2**18
 
 Places: TypeAlias = NDArray[np.int64]
 _Read = TypeVar("_Read", "Message", "MessageBlock")
@@ -460,7 +460,7 @@ class McapFile:
     def _chunk(self, content: bytes, unpacked: _Unpacked, take: _Take[_Read]) -> Iterator[_Read]:
         try:
             yield from self._chunk_messages(unpacked(), take)
-            if self.salvage or self._held_bytes >= _BLOCK_BYTES:
+            if self.salvage or self._held_bytes >= _TOGETHER_BYTES:
                 yield from self._held_messages(take)
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
