@@ -165,9 +165,11 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
     good = rows["passed"]
     runs, passed = len(good), int(np.count_nonzero(good))
     low, high = proportion_interval(passed, runs)
-    ranks = {each.name: _ranks(rows[each.name]) for each in campaign.inputs}
+    # A run that could not be completed says nothing of a metric.
+    flown = np.array([not error for error in rows["error"]], dtype=np.bool_)
+    ranks = {each.name: _ranks(rows[each.name][flown]) for each in campaign.inputs} if flown.any() else {}
     ranks |= {name + EITHER_WAY: _ranks(abs(each - each.mean())) for name, each in ranks.items()}
-    noise = min(1.0, 1.96 / math.sqrt(max(1, runs - 1)))
+    noise = min(1.0, 1.96 / math.sqrt(max(1, int(np.count_nonzero(flown)) - 1)))
     errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
     return CampaignSummary(
         runs,
@@ -223,7 +225,8 @@ def _metric(
     is_number = np.isfinite(column)
     values = np.sort(column[is_number])
     count = len(values)
-    flown = column[[not error for error in rows["error"]]]
+    is_flown = np.array([not error for error in rows["error"]], dtype=np.bool_)
+    flown = column[is_flown]
     reduction = next(each.reduction for each in campaign.metrics if each.name == name)
     # The time to an event that never happened counts as longer than any.
     never = int(np.count_nonzero(np.isnan(flown))) if reduction == "time_to" else 0
@@ -232,7 +235,7 @@ def _metric(
     if count == 0:
         nan, worst = math.nan, _worst(campaign, name, rows)
         return MetricSummary(name, unit, 0, len(column), never, nan, nan, nan, nan, quantiles, worst, (), (), ())
-    sensitivity = _sensitivity(column, is_number, ranks)
+    sensitivity = _sensitivity(flown, is_number[is_flown], ranks)
     with np.errstate(over="ignore", invalid="ignore"):
         mean, deviation = float(values.mean()), float(values.std(ddof=1)) if count > 1 else 0.0
     return MetricSummary(

@@ -129,6 +129,19 @@ def test_what_depends_on_an_input_whatever_its_sign_is_found(tmp_path: Path) -> 
     json.dumps(summary.as_dict(), allow_nan=False)
 
 
+def test_what_keeps_runs_from_being_completed_drives_no_metric(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 512)
+    spin, mass = rows["initial.angular_velocity_body[0]"], rows["body.mass"]
+    lost = mass > np.quantile(mass, 0.7)
+    rows["error"] = ["too heavy" if each else "" for each in lost]
+    rows["final_rate"] = np.where(lost, np.nan, spin)
+    summary = summarise(campaign, rows)
+    final = summary.metrics[0]
+
+    assert dict(final.sensitivity)["initial.angular_velocity_body[0]"] == pytest.approx(1.0)
+    assert abs(dict(final.sensitivity)["body.mass"]) < summary.noise
+
+
 def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     campaign, rows = by_its_inputs(tmp_path, 36)
     values = np.arange(36.0)
