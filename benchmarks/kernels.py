@@ -42,7 +42,7 @@ REPEATS = 5
 
 
 def by_accuracy(method: Method) -> StepControl:
-    """Return the step control of a run without end, as `scene/plan.py` makes it."""
+    """Return the step control of a run without end, as `run/plan.py` makes it."""
     if method.longest_step is not None:
         return OwnControl(ACCURACY, 1.0, ends=False)
     order = method.order or 0

@@ -30,7 +30,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.logs.messages import SAMPLE_TOPICS, sample_encoder
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
-from rb_dynamics.sinks import rerun_layout as layout
+from rb_dynamics.sinks import rerun_style as style
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_columns import gather
 from rb_dynamics.sinks.rerun_sink import BATCH_ROWS, Recorder, RerunSink
@@ -120,7 +120,7 @@ def through(sink: Sink, scene: rb.Scene, samples: list[Sample]) -> float:
 def columns(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
     """Return rows per second through what the sink does with each batch."""
     rows = [KeptSample(index, sample, HeldWrench()) for index, sample in enumerate(samples)]
-    series = layout.series_of(scene)
+    series = style.series_of(scene)
     batches = [gather(rows[k : k + BATCH_ROWS], series) for k in range(0, SAMPLES, BATCH_ROWS)]
     # Poses and plane; arrows at the body, of which force and torque have none here; arrows of Poinsot's construction.
     moving = 4 + 2 + 2

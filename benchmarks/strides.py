@@ -21,7 +21,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import COST_OF_A_STEP
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.scene.plan import Plan
+from rb_dynamics.run.plan import Plan
 from rb_dynamics.scene.read import parse_scene
 
 SCENE = """

@@ -8,8 +8,8 @@ Conventions, kept everywhere:
 - Attitude is the rotation from body to world axes; quaternions are (x, y, z, w), as in ROS and scipy.
 - Inertia is about the centre of mass, in body axes, with products as they stand in the matrix (Ixy = -int xy dm).
 
-The data takes one way: a scene is read and compiled to the least model that moves it (`scene`), advanced by one engine
-(`run`), and what happens goes to sinks (`sinks`, `ros`). Each part imports only those before it: `errors`,
+The data takes one way: a scene is read and checked (`scene`), compiled to the smallest model that moves it and advanced
+by one engine (`run`), and the results go to sinks (`sinks`, `ros`). Each part imports only those before it: `errors`,
 `plugins`, `numerics`, `formats`, `body`, `loads`, `sensors`, `motion`, `theory`, `scene`, `run`, `logs`, `sinks`,
 `conversion`, `analysis`, `study`, `report`, `ros`, `cli`.
 Nothing is imported before it is used: neither optional libraries nor, on `import rb_dynamics`, the modules behind its

@@ -40,6 +40,14 @@ def test_part_imports_only_those_before_it(part: str) -> None:
     assert others <= set(ORDER[: ORDER.index(part)])
 
 
+def test_scenes_know_of_motion_only_the_names_of_methods() -> None:
+    files = (PACKAGE / "scene").rglob("*.py")
+    found = {name for path in files for name in imported(ast.parse(path.read_text(encoding="utf-8")))}
+
+    motion = {name for name in found if name.startswith("rb_dynamics.motion")}
+    assert motion == {"rb_dynamics.motion.METHODS", "rb_dynamics.motion.remedy"}
+
+
 def test_only_the_folder_of_the_node_knows_ros() -> None:
     knowing = {
         path.relative_to(PACKAGE).as_posix()

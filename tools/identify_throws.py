@@ -27,7 +27,7 @@ import numpy as np
 
 from rb_dynamics import identify, parse_scene
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
-from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 
 # Device, its box for calibration, the frame of the bodies and a block: kg, m.
 DEVICE, BOX, FRAME, BLOCK = 0.10067, 0.346, 0.1785, 0.0701

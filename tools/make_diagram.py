@@ -55,10 +55,14 @@ BOXES = {
     "read": Box(160, 115, "scene/read.py", "every key checked; one error", files=("scene/read.py",)),
     "source": Box(480, 115, "formats/bag_source.py", "commands by their stamps", files=("formats/bag_source.py",)),
     "arrivals": Box(
-        800, 115, "ros/arrivals.py", "commands as they come", files=("ros/arrivals.py", "ros/conversions.py")
+        800,
+        115,
+        "ros/command_statistics.py",
+        "commands as they come",
+        files=("ros/command_statistics.py", "ros/conversions.py"),
     ),
     "parts": Box(160, 210, "body/   loads/   motion/", "what a Scene is made of", files=("body", "loads", "motion")),
-    "compile": Box(160, 305, "scene/plan.py", "method, step control", files=("scene/plan.py",)),
+    "compile": Box(160, 305, "run/plan.py", "method, step control", files=("run/plan.py",)),
     "loop": Box(
         480,
         400,

@@ -480,7 +480,7 @@ def cli_page() -> str:
         CLI,
     ]
     for name in COMMANDS:
-        module = importlib.import_module(f"rb_dynamics.cli.{name}")
+        module = importlib.import_module(f"rb_dynamics.cli.commands.{name}")
         parser = Recorder()
         module.add_arguments(parser)
         rows = []

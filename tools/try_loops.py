@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from rb_dynamics.study.campaign.loop_stability import remarks
 from rb_dynamics.study.campaign.read import read_campaign
-from rb_dynamics.study.campaign.stability import remarks
 
 Array = NDArray[np.float64]
 

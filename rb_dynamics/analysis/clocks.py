@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.track import Track
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
 
 # The transport delay, by which stamps and log times may differ, changes by less than this; s.
 _UNDER_WAY = 0.1

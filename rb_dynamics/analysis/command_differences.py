@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.alignment import Alignment
+from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import RecordedWrench, Times, Track
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.wrench_bags import driven_of

@@ -12,11 +12,11 @@ import numpy as np
 
 from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
-from rb_dynamics.analysis.onboard import SensorErrors, WheelSpeeds, pointing_error
+from rb_dynamics.analysis.onboard_devices import SensorErrors, WheelSpeeds, pointing_error
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
-from rb_dynamics.analysis.residual import Residual
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
+from rb_dynamics.analysis.unexplained_wrench import Residual
 from rb_dynamics.analysis.window import Window, part_of
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.own_log import opened_scene

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.clocks import APART, clock
-from rb_dynamics.analysis.order import disorder
-from rb_dynamics.analysis.rates import rates_of
+from rb_dynamics.analysis.stamp_order import disorder
 from rb_dynamics.analysis.track import (
     LARGEST,
     Array,
@@ -30,13 +29,14 @@ from rb_dynamics.analysis.track import (
     motion_of,
 )
 from rb_dynamics.analysis.transform_tree import is_fixed, pairs, pose_between
+from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, ODOMETRY, SCALAR, VECTOR
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
-from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all

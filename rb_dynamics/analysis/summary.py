@@ -14,7 +14,6 @@ from decimal import Decimal
 
 import numpy as np
 
-from rb_dynamics.analysis.agreement import Agreement, agreements
 from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.clocks import log_time_of_zero
@@ -22,17 +21,18 @@ from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.gaps import silences
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
-from rb_dynamics.analysis.onboard import Onboard, onboard
+from rb_dynamics.analysis.onboard_devices import Onboard, onboard
+from rb_dynamics.analysis.own_log_consistency import self_consistency
+from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements
 from rb_dynamics.analysis.read_track import mean_rate
-from rb_dynamics.analysis.residual import Residual, residual
-from rb_dynamics.analysis.self_consistency import self_consistency
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track, sizes_of
+from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, VECTOR
-from rb_dynamics.formats.topic import KEPT, Topic
+from rb_dynamics.formats.topic_messages import KEPT, Topic
+from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WrenchFrames
-from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene

@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.order import Disorder
+from rb_dynamics.analysis.stamp_order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.growing_array import give_back

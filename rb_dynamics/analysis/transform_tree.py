@@ -10,7 +10,7 @@ import numpy as np
 from rb_dynamics.analysis.track import LARGEST, Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import interpolated, product, rotate_all, rotate_all_inverse
 

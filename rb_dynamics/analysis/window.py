@@ -10,7 +10,7 @@ from rb_dynamics.analysis.clocks import clock
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import INERTIA
-from rb_dynamics.formats.topic import KEPT, Topic
+from rb_dynamics.formats.topic_messages import KEPT, Topic
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
 
 Window = tuple[float | None, float | None]

@@ -1,7 +1,9 @@
-"""The command line `rb-dynamics`: one module per command, each with `HELP`, `add_arguments` and `run`.
+"""The command line `rb-dynamics`: each module in `commands/` is a command, with `HELP`, `add_arguments` and `run`.
 
-This file only dispatches to the command and turns errors into one message and an exit code: 0 success, 1 the command
-ran and its check failed, 2 bad input. Command modules import what they need inside `run`, so that `--help` stays quick.
+The other modules here are shared by commands: the parser, arguments that several commands have, work on many logs, and
+output. This file only dispatches to the command and turns errors into one message and an exit code: 0 success, 1 the
+command ran and its check failed, 2 bad input. Command modules import what they need inside `run`, so that `--help`
+stays quick.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
-        module = importlib.import_module(f"rb_dynamics.cli.{name}")
+        module = importlib.import_module(f"rb_dynamics.cli.commands.{name}")
         command = commands.add_parser(
             name,
             help=module.HELP,

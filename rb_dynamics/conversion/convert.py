@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rb_dynamics.conversion.convert_bag import (
+from rb_dynamics.conversion.bag_to_table import (
     ORIENTATION,
     POSITION,
     Poses,
@@ -37,8 +37,8 @@ from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
+from rb_dynamics.loads.command_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.loads.wrench_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
 from rb_dynamics.logs.own_log import (
@@ -297,7 +297,7 @@ def log_to_rerun(
         LogError: `log` has nothing to show, or `target` is `log` itself or cannot be written.
         MissingExtraError: rerun-sdk is not installed.
     """
-    from rb_dynamics.conversion.rerun_bag import bag_to_rerun
+    from rb_dynamics.conversion.bag_to_rerun import bag_to_rerun
     from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_other(target, log)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from rb_dynamics.formats.mcap_records import McapChannel, Schema
-from rb_dynamics.formats.ros2msg import TYPE_HASHES, schema_text
+from rb_dynamics.formats.message_definitions import TYPE_HASHES, schema_text
 
 QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
 

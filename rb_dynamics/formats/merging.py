@@ -19,10 +19,10 @@ from rb_dynamics.formats.log_metadata import RUN, SCENE, version
 from rb_dynamics.formats.mcap_channel import QOS, is_latched
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
-from rb_dynamics.formats.ros2msg import schema_text
 
 MERGED = "rb_dynamics.merged"
 

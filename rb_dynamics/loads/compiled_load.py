@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.buoyancy import Buoyancy, Lift, lifted
 from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attracted, time_to_fall
+from rb_dynamics.loads.command_channels import ChannelBias, ChannelLag
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
 from rb_dynamics.loads.effect import Effect, Point
+from rb_dynamics.loads.gyrostat_rotor import Rotor, Spin, reaction
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.magnetic_field import MagneticField, Source, flux_density
 from rb_dynamics.loads.magnetorquer import turned_in_field
-from rb_dynamics.loads.rotor import Rotor, Spin, reaction
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
-from rb_dynamics.loads.wrench_channels import ChannelBias, ChannelLag
 from rb_dynamics.numerics.compilation import compiled_by
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 # Numbers of one effect: its kind, and what its load depends on. Behind the last effect stands how many there are; all
 # stand at the end of what a kernel is given, whatever is before them.

@@ -6,8 +6,8 @@ from rb_dynamics.loads.buoyancy import Buoyancy
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.magnetic_field import MagneticField
-from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.plugins import Registry

@@ -26,7 +26,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, di
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 # The volume that axes must span, of 1 for three that are perpendicular.
 _FLAT = 1e-6

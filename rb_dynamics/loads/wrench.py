@@ -1,6 +1,6 @@
 """Wrench commands, and the one rule that says in which axes and through which point they act.
 
-Where a command comes from (topic, bag or script) and when it takes effect is decided in `wrench_channels.py`.
+Where a command comes from (topic, bag or script) and when it takes effect is decided in `command_channels.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Read a ROS 2 bag: poses, twists, wrenches and scalars as arrays.
 
-The bag may come from any writer and may be cut off. Reading needs neither ROS nor the index of the file; `topic.py`
-says what is kept of each message.
+The bag may come from any writer and may be cut off. Reading needs neither ROS nor the index of the file.
+`topic_messages.py` says what is kept of each message.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from rb_dynamics.formats.message_types import (
     VECTOR,
     WRENCH,
 )
-from rb_dynamics.formats.topic import Times, Topic, Values
+from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types

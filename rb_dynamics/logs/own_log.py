@@ -19,7 +19,7 @@ from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.mcap_records import Message, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.output_file import is_log
-from rb_dynamics.formats.topic import Times, Topic, Values
+from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import (

@@ -24,11 +24,11 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, next_file
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
-from rb_dynamics.formats.topic import Times, Topic
+from rb_dynamics.formats.topic_messages import Times, Topic
 from rb_dynamics.loads.actuator import Setpoint
+from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import SET_STATE, decode_setpoint
 

@@ -51,7 +51,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, norm, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 

@@ -49,8 +49,8 @@ from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
-    from rb_dynamics.numerics.native_code import Native
+    from rb_dynamics.numerics.array_types import Numbers
+    from rb_dynamics.numerics.object_code import Native
 
 WITH_EFFECTS = "_with_effects"
 """Ends the names of kernels for scenes that have some."""

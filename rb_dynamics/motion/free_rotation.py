@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.caching import cached_results
+from rb_dynamics.motion.result_cache import cached_results
 from rb_dynamics.motion.step_checks import NO_ATTITUDE, NOWHERE
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.elliptic import agm, rf, rj, sncndn

@@ -14,7 +14,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 Constants = tuple[Inertia, HeldWrench]
 """Constant from step to step: body and held wrench."""

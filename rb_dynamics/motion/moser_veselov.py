@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.motion.caching import cached_results
+from rb_dynamics.motion.result_cache import cached_results
 from rb_dynamics.motion.splitting import ABA82_STAGES, ABA104_STAGES, ABA864_STAGES, method
 from rb_dynamics.motion.step_checks import NO_ATTITUDE, NOWHERE
 from rb_dynamics.numerics.compilation import compiled_as

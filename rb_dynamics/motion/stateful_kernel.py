@@ -34,7 +34,7 @@ from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 # Where things stand among the numbers that a kernel is given: body and wrench, the phase, the other result of a pair,
 # the number of the next stage, and the weights of the tableau, a row for each stage and three for the result and its

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.caching import cached_results
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method
+from rb_dynamics.motion.result_cache import cached_results
 from rb_dynamics.motion.step_checks import NO_INCREMENT, require_finite
 from rb_dynamics.numerics.compilation import compiled_as, workspace
 from rb_dynamics.numerics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse

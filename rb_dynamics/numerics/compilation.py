@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
-from rb_dynamics.numerics.native_code import Native, ObjectCode, processor
+from rb_dynamics.numerics.object_code import Native, ObjectCode, processor
 
 _PACKAGE = Path(__file__).parents[1]
 # The folders whose functions kernels may call.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference, Side
-from rb_dynamics.body.mass_properties import equivalent_box
+from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import IDENTITY

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rb_dynamics.analysis.alignment import Alignment
 from rb_dynamics.analysis.comparison import MOTION, PARTS, UNITS, Comparison, Difference, Side
+from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.report.html import printable
 
 # Of the longer one: the first and last samples of two recordings are never at one time.

@@ -10,9 +10,9 @@ import numpy as np
 
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.latency import EDGES_S, CommandLatency
-from rb_dynamics.analysis.residual import TELLS, Residual
 from rb_dynamics.analysis.summary import Range, RunSummary
 from rb_dynamics.analysis.track import frame_names
+from rb_dynamics.analysis.unexplained_wrench import TELLS, Residual
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.html import printable
 

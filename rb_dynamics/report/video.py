@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import Array, Motion, Track, motion_of
-from rb_dynamics.body.mass_properties import equivalent_box
+from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.output_file import make_folder

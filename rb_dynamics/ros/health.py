@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT, ReactionWheel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
-from rb_dynamics.ros.arrivals import Arrival
+from rb_dynamics.ros.command_statistics import Arrival
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status

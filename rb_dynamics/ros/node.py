@@ -48,7 +48,7 @@ from rb_dynamics.formats.output_file import move_aside
 from rb_dynamics.logs.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WHEELS, decode_setpoint, decode_wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
-from rb_dynamics.ros.arrivals import Losses
+from rb_dynamics.ros.command_statistics import Losses
 from rb_dynamics.ros.health import ERROR, OK, Health, Throttle
 from rb_dynamics.ros.neighbours import Neighbours
 from rb_dynamics.ros.pacing import ClockFollower, Pacer

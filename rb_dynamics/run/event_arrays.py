@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rb_dynamics.loads.command_channels import AppliedWrench
 from rb_dynamics.loads.command_table import Changes
-from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.run.sample import Sample
 
 if TYPE_CHECKING:

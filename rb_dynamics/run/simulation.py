@@ -25,19 +25,19 @@ from rb_dynamics.formats.log_metadata import INPUTS_RULE
 from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_table import CommandBatch, listed
-from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
-from rb_dynamics.loads.transient import Transient, TransientLoad
-from rb_dynamics.loads.wheel_imbalance import RESOLVED
-from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
-from rb_dynamics.loads.wrench_channels import (
+from rb_dynamics.loads.command_channels import (
     AppliedWrench,
     CheckedWrench,
     ReceivedWrench,
     RejectedWrench,
     WrenchChannels,
 )
+from rb_dynamics.loads.command_table import CommandBatch, listed
+from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
+from rb_dynamics.loads.transient import Transient, TransientLoad
+from rb_dynamics.loads.wheel_imbalance import RESOLVED
+from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
@@ -52,6 +52,7 @@ from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
 from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
+from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
@@ -59,7 +60,6 @@ from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Past, Scene
-from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import with_true_text
 from rb_dynamics.sensors.sensor import Truth
 

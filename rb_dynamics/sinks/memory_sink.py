@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.loads.wrench_channels import AppliedWrench, RejectedWrench
+from rb_dynamics.loads.command_channels import AppliedWrench, RejectedWrench
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
 

@@ -2,7 +2,7 @@
 
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
-This file decides which entities are sent and when. Their looks are in `rerun_layout.py`, the rolling ellipsoid in
+This file decides which entities are sent and when. Their looks are in `rerun_style.py`, the rolling ellipsoid in
 `rerun_poinsot.py`, the opening view in `rerun_blueprint.py`, the choice of rows in `thinning.py` and their columns in
 `rerun_columns.py`.
 
@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.body.mass_properties import equivalent_box
+from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
@@ -51,12 +51,12 @@ from rb_dynamics.run.sink import (
     StateChange,
     Status,
 )
-from rb_dynamics.sinks import rerun_layout as layout
 from rb_dynamics.sinks import rerun_poinsot as poinsot
+from rb_dynamics.sinks import rerun_style as style
 from rb_dynamics.sinks.appearance import eye_above
 from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
-from rb_dynamics.sinks.rerun_measured import Readings
+from rb_dynamics.sinks.rerun_sensors import Readings
 from rb_dynamics.sinks.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.theory.rolling_ellipsoid import contact
 
@@ -199,10 +199,10 @@ class Recorder:
         self.paths = {"center_of_mass": Polyline(PATH_POINTS)}
         if any(scene.body.center_of_mass):
             self.paths["body_origin"] = Polyline(PATH_POINTS)
-        self.series = layout.series_of(scene)
+        self.series = style.series_of(scene)
         self.peaks = {series.entity: 0.0 for series in self.series}
         self.exponents: dict[str, int] = {}
-        self.arrow_peaks = dict.fromkeys(layout.ARROWS, 0.0)
+        self.arrow_peaks = dict.fromkeys(style.ARROWS, 0.0)
         self.notes: list[Note] = []
         self.note_count = 0
         self.commands: list[Mark] = []
@@ -235,7 +235,7 @@ class Recorder:
         if not rr.is_enabled(self.stream):
             raise LogError(f"{self.path}: Rerun is switched off by the environment variable RERUN; unset it to log")
         self.stream.send_recording_name(Path(self.run.scene.source).name)
-        for entity, looks in layout.fixed_looks(self.run.scene, self.half_sizes, self.size):
+        for entity, looks in style.fixed_looks(self.run.scene, self.half_sizes, self.size):
             self.stream.log(entity, *looks, static=True)
         if self.curves is not None:
             for entity, looks in poinsot.fixed_looks(self.run.scene.body):
@@ -295,7 +295,7 @@ class Recorder:
             arm = rotate(sample.orientation_xyzw, self.run.scene.body.center_of_mass)
             place = subtract(add(sample.position_world, arm), self.offset)
             self.commands.append(Mark(event.time_ns, self.rows.newest, place, sample.kinetic_energy))
-            if len(self.commands) > layout.MARKS:
+            if len(self.commands) > style.MARKS:
                 self.commands, self.mark_stride = self.commands[::2], 2 * self.mark_stride
 
     def end(self, result: Mapping[str, str]) -> None:
@@ -372,17 +372,17 @@ class Recorder:
             for entity, moving in poinsot.columns(attitude, touch):
                 self._send(entity, times, moving)
             self._send_curves(self.curves.take(columns.stamps, touch, rates))
-        self._send_arrow(layout.MOMENTUM, times, columns.values["angular_momentum"])
-        self._send_arrow(layout.RATE, times, rotate_all(attitude, rates))
-        self._send_arrow(layout.FORCE, times, columns.force_world)
-        self._send_arrow(layout.TORQUE, times, columns.torque_world)
+        self._send_arrow(style.MOMENTUM, times, columns.values["angular_momentum"])
+        self._send_arrow(style.RATE, times, rotate_all(attitude, rates))
+        self._send_arrow(style.FORCE, times, columns.force_world)
+        self._send_arrow(style.TORQUE, times, columns.torque_world)
 
     def _send_scaled_defects(self, times: list[rr.TimeColumn], values: Mapping[str, Array]) -> None:
         """Send the defects once more, in units that the labels of a plot can show; the first rows show which."""
-        for entity in layout.DEFECTS:
-            if entity not in self.exponents and (reach := layout.half_range(self.peaks, entity)) > 0.0:
+        for entity in style.DEFECTS:
+            if entity not in self.exponents and (reach := style.half_range(self.peaks, entity)) > 0.0:
                 self.exponents[entity] = math.floor(math.log10(reach))
-                looks = layout.scaled_lines(entity, self.exponents[entity])
+                looks = style.scaled_lines(entity, self.exponents[entity])
                 self.stream.log(f"{entity}/scaled", looks, static=True)
             if entity in self.exponents:
                 self._send_scalars(f"{entity}/scaled", times, values[entity] * 10.0 ** -self.exponents[entity])
@@ -416,7 +416,7 @@ class Recorder:
         unit = max(0.25 * float(np.linalg.norm(high - low)), self.size)
         self.stream.log(OVERVIEW, rr.Transform3D(translation=0.5 * (low + high), scale=unit), static=True)
 
-    def _send_arrow(self, arrow: layout.Arrow, times: list[rr.TimeColumn], vectors: Array) -> None:
+    def _send_arrow(self, arrow: style.Arrow, times: list[rr.TimeColumn], vectors: Array) -> None:
         """Send arrows as long as the root of their vector, so that small ones are seen beside the largest.
 
         Their scale in the picture is a static transform, renewed when a longer one comes: the peak of a run is known
@@ -439,16 +439,16 @@ class Recorder:
     def _send_path(self, name: str) -> None:
         path = self.paths[name]
         path.sent()
-        self.stream.log(f"world/path/{name}", layout.path_line(name, path.line()), static=True)
+        self.stream.log(f"world/path/{name}", style.path_line(name, path.line()), static=True)
 
     def _send_wrench_looks(self, part: WrenchPart) -> None:
         before = [other for other in self.rows.wrenches.parts if other.kind == part.kind].index(part)
-        looks = layout.wrench_lines(part.topic, part.frame_id, before % 3)
+        looks = style.wrench_lines(part.topic, part.frame_id, before % 3)
         self.stream.log(_wrench_entity(part), looks, static=True)
 
     def _send_no_wrench(self, kind: str) -> None:
         """Show by a line at zero that there was none, where the plot would be empty."""
-        self.stream.log(f"{kind}/none", layout.no_wrench_line(), static=True)
+        self.stream.log(f"{kind}/none", style.no_wrench_line(), static=True)
         times = _times([self.start_ns, self.time_ns], [0, self.rows.newest])
         self._send_scalars(f"{kind}/none", times, np.zeros((2, 1)))
 
@@ -464,7 +464,7 @@ class Recorder:
 
         times = _times([mark.time_ns for mark in marks], [mark.sample for mark in marks])
         places = np.array([mark.place for mark in marks])
-        self._send(layout.COMMANDS_ON_PATH, times, rr.Points3D.columns(positions=places))
+        self._send(style.COMMANDS_ON_PATH, times, rr.Points3D.columns(positions=places))
         self._send_scalars("energy/commands", times, np.array([[mark.kinetic_energy] for mark in marks]))
 
     def _send_facts(self, result: Mapping[str, str]) -> None:
@@ -475,7 +475,7 @@ class Recorder:
         if (stride := self.rows.thinner.stride) > 1:
             facts["thinned"] = f"to one sample in {stride} towards the end; the MCAP log has all"
         self.stream.send_property("run", rr.AnyValues(drop_untyped_nones=True, **facts))
-        self.stream.log("about", layout.about(facts, self.size, self.offset, self.run.scene), static=True)
+        self.stream.log("about", style.about(facts, self.size, self.offset, self.run.scene), static=True)
 
     def _send_scalars(self, entity: str, times: list[rr.TimeColumn], values: Array) -> None:
         import rerun as rr

@@ -13,14 +13,14 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rb_dynamics.analysis.alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.comparison import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.signals import MotionSignals
+from rb_dynamics.analysis.time_alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
-from rb_dynamics.loads.wrench_channels import WrenchChannels
+from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED

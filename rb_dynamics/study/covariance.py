@@ -40,7 +40,7 @@ from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import mapping, shown
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.uncertain_numbers import STATE, Uncertain, uncertain_numbers
+from rb_dynamics.study.uncertain_inputs import STATE, Uncertain, uncertain_numbers
 
 QUANTITIES = {
     "attitude": "rad",

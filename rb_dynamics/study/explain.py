@@ -1,6 +1,6 @@
 """`explain`: what a scene models and leaves out, which solver runs it, its cost and its error.
 
-The decisions are those of `scene/plan.py` and the loads. Cost and error are measured by running the scene for a limited
+The decisions are those of `run/plan.py` and the loads. Cost and error are measured by running the scene for a limited
 time, and once more by another method.
 """
 
@@ -18,18 +18,18 @@ from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.caching import clear_caches
 from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.motion.result_cache import clear_caches
 from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
+from rb_dynamics.run.plan import OPEN_END_HORIZON
 from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
 from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
-from rb_dynamics.scene.plan import OPEN_END_HORIZON
 from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52

@@ -42,10 +42,10 @@ from rb_dynamics.formats.log_metadata import (
 from rb_dynamics.formats.mcap_channel import QOS, TYPE_HASH, log_channel, qos_profile
 from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
+from rb_dynamics.loads.command_channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.loads.wrench_channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.logs.messages import (
     ACCEL,
     APPLIED,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rb_dynamics.body.mass_properties import scalar_inertia
+from rb_dynamics.body.inertia_quantities import scalar_inertia
 from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State

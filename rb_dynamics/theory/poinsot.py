@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from rb_dynamics.body.mass_properties import middle_axis_growth_time
+from rb_dynamics.body.inertia_quantities import middle_axis_growth_time
 from rb_dynamics.body.moments_about_points import unit
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State

@@ -12,7 +12,7 @@ from tumbling import TWIST, bag_of, fill, in_world, spin, summary_of
 from rb_dynamics.analysis.clocks import remarks
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
 
 SECOND = 1_000_000_000
 PLAIN = "geometry_msgs/msg/Wrench"

@@ -16,7 +16,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.message_types import ODOMETRY
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 

@@ -8,7 +8,7 @@ from bag_rows import STAMPED, add, stamped
 from tumbling import bag_of, failing, spin, summary_of
 
 from rb_dynamics.analysis.gaps import silences, told
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.topic_messages import Topic
 
 STEP = 10_000_000
 

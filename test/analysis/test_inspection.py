@@ -13,7 +13,7 @@ from bag_rows import write_rows
 from recorded_runs import Flight
 
 import rb_dynamics as rb
-from rb_dynamics.analysis import impulse, self_consistency, track
+from rb_dynamics.analysis import impulse, own_log_consistency, track
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.numerics import growing_array
@@ -82,7 +82,7 @@ def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.Monk
     """The numbers of a sample, some 200 bytes, stand in files; its time is kept, and what is sorted for a while."""
     for name in ("_IN_MEMORY", "_WAITING"):
         monkeypatch.setattr(growing_array, name, 2**12)
-    for module in (track, impulse, self_consistency):
+    for module in (track, impulse, own_log_consistency):
         monkeypatch.setattr(module, "_BLOCK", 1000)
     peaks = []
     for samples in (6000, 11000):

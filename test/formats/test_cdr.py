@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scripts import load_script
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats import cdr, ros2msg
+from rb_dynamics.formats import cdr, message_definitions
 from rb_dynamics.numerics.nanoseconds import split_stamp
 
 ROOT = Path(__file__).parents[2]
@@ -204,13 +204,13 @@ def test_ros_reads_what_we_write_and_the_other_way_round(type_name: str, data: s
 
 @pytest.mark.parametrize("type_name", TYPES)
 def test_schema_is_that_of_rosbags(type_name: str) -> None:
-    assert ros2msg.schema_text(type_name) == STORE.generate_msgdef(type_name, ros_version=2)[0]
-    assert ros2msg.TYPE_HASHES[type_name] == STORE.hash_rihs01(type_name)
+    assert message_definitions.schema_text(type_name) == STORE.generate_msgdef(type_name, ros_version=2)[0]
+    assert message_definitions.TYPE_HASHES[type_name] == STORE.hash_rihs01(type_name)
 
 
 def test_definitions_are_up_to_date() -> None:
-    tool = load_script(ROOT / "tools" / "make_ros2msg.py")
-    assert tool.TARGET.read_text(encoding="utf-8") == tool.generate(), "run python tools/make_ros2msg.py"
+    tool = load_script(ROOT / "tools" / "make_message_definitions.py")
+    assert tool.TARGET.read_text(encoding="utf-8") == tool.generate(), "run python tools/make_message_definitions.py"
 
 
 @pytest.mark.parametrize("type_name", TYPES)
@@ -222,4 +222,4 @@ def test_type_hash_is_that_of_the_installed_ros(type_name: str) -> None:
     if description is None:
         pytest.skip(f"{package} is not installed")
     hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(description.read_text())["type_hashes"]}
-    assert ros2msg.TYPE_HASHES[type_name] == hashes[type_name]
+    assert message_definitions.TYPE_HASHES[type_name] == hashes[type_name]

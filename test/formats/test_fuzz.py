@@ -17,7 +17,7 @@ from rb_dynamics import parse_scene, simulate
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.mcap_records import MAGIC, McapFile, Message, MessageBlock
 from rb_dynamics.formats.recovery import recover
-from rb_dynamics.formats.topic import KEPT
+from rb_dynamics.formats.topic_messages import KEPT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 

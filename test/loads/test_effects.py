@@ -18,16 +18,16 @@ from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.method import Increment
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.rotation import angle_between, exp, multiply, normalize
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.simulation import Run, simulate
-from rb_dynamics.scene.plan import Plan
 from rb_dynamics.scene.read import parse_scene
 
 SKEW = (

@@ -16,9 +16,9 @@ from rb_dynamics.loads.compiled_load import effect_numbers
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.magnetic_field import MagneticField
-from rb_dynamics.loads.rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, Wrench

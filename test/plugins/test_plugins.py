@@ -141,7 +141,7 @@ bad = Method("bad", 2, frozenset(), step, takes=Takes.ANY)
     install(tmp_path, "faulty", source, methods="bad = faulty:bad")
     # By what the process has worked: what else the machine does is not to change what is found.
     code = (
-        "import time; from rb_dynamics import parse_scene; from rb_dynamics.cli.trade import as_text; "
+        "import time; from rb_dynamics import parse_scene; from rb_dynamics.cli.commands.trade import as_text; "
         "from rb_dynamics.study.trade import trade; "
         "scene = parse_scene('body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\\n"
         "initial: {angular_velocity_body: [0.1, 2, 0.1]}\\neffects: [{type: linear_drag, rotation: 0.1}]\\n"

@@ -86,7 +86,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         flown.append(0 if found is None else found.edges)
         return found
 
-    monkeypatch.setattr("rb_dynamics.scene.plan.propagate", counted)
+    monkeypatch.setattr("rb_dynamics.run.plan.propagate", counted)
     return flown
 
 
@@ -243,7 +243,7 @@ def test_a_coast_with_outputs_is_flown_in_closed_form(monkeypatch: pytest.Monkey
     scene = replace(SCENE, channels=(), duration=20.0)
     flown, edge_by_edge = _Everything(), _Everything()
     first = _run(scene, (), flown)
-    monkeypatch.setattr("rb_dynamics.scene.plan.propagate", lambda *_: None)
+    monkeypatch.setattr("rb_dynamics.run.plan.propagate", lambda *_: None)
     second = _run(scene, (), edge_by_edge)
     assert flown.events == edge_by_edge.events
     assert (first.sample, first.steps, first.method) == (second.sample, second.steps, second.method)

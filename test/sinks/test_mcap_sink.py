@@ -23,7 +23,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES
-from rb_dynamics.formats.ros2msg import TYPE_HASHES
+from rb_dynamics.formats.message_definitions import TYPE_HASHES
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import COMMAND_DEPTH, sample_depth

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
-from rb_dynamics.body.mass_properties import equivalent_box
+from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics import rotation

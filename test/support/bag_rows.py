@@ -7,8 +7,8 @@ from typing import Any
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema, in_blocks
-from rb_dynamics.formats.ros2msg import schema_text
-from rb_dynamics.formats.topic import Topic
+from rb_dynamics.formats.message_definitions import schema_text
+from rb_dynamics.formats.topic_messages import Topic
 
 STAMPED = "geometry_msgs/msg/WrenchStamped"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from rb_dynamics.cli.batch import PASSED, Row
+from rb_dynamics.cli.many_logs import PASSED, Row
 
 
 def deadly(log: str) -> Row:

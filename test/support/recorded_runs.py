@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.ros2msg import schema_text
+from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene import parse_scene

@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rb_dynamics import RigidBody, State, free_motion
-from rb_dynamics.body.mass_properties import middle_axis_growth_time
+from rb_dynamics.body.inertia_quantities import middle_axis_growth_time
 from rb_dynamics.errors import BodyError, ConvergenceError
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN
 from rb_dynamics.theory.euler_equations import rotational_energy

@@ -26,7 +26,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import LinearDrag
-from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO

@@ -24,7 +24,7 @@ from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
-from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, Wrench

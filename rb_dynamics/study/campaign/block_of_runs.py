@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.bodies import (
+from rb_dynamics.study.campaign.block_propagation import (
     Alone,
     Bodies,
     Commands,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
     from rb_dynamics.run.sink import Sink
 
 Columns = dict[str, Any]

@@ -19,7 +19,7 @@ from rb_dynamics.loads.wrench import largest_wrench
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.study.campaign.bodies import FORCE, TORQUE, Commands
+from rb_dynamics.study.campaign.block_propagation import FORCE, TORQUE, Commands
 from rb_dynamics.study.campaign.control_inputs import OnboardValues
 from rb_dynamics.study.campaign.laws import LAWS, LawInput, Parameters, RandomStreams
 from rb_dynamics.study.campaign.model import Campaign, Control
@@ -28,7 +28,7 @@ from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
     from rb_dynamics.run.sample_arrays import Samples
 
 DELAY = "control.delay"

@@ -17,7 +17,7 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.sensor import Sensor
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 
 class SensorReading:

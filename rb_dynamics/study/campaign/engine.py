@@ -21,7 +21,7 @@ from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.block_of_runs import Columns, simulate_block
-from rb_dynamics.study.campaign.bodies import go_side_by_side, step_ns, turn_of
+from rb_dynamics.study.campaign.block_propagation import go_side_by_side, step_ns, turn_of
 from rb_dynamics.study.campaign.control import DELAY
 from rb_dynamics.study.campaign.distributions import Choice, Stepped
 from rb_dynamics.study.campaign.model import Campaign

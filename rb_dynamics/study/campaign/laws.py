@@ -17,7 +17,7 @@ from rb_dynamics.study.campaign.control_inputs import OnboardValues
 if TYPE_CHECKING:
     import numpy as np
 
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 Parameters = Mapping[str, "Numbers"]
 """By name: (N,) for a number, (N, k) for a list of k."""

@@ -17,7 +17,7 @@ from rb_dynamics.study.campaign.model import Campaign, Metric
 from rb_dynamics.study.campaign.user_functions import called_for_numbers, find_function
 
 if TYPE_CHECKING:
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
     from rb_dynamics.run.sample_arrays import Samples
 
 Quantity = Callable[["Samples"], "Numbers"]

@@ -19,14 +19,14 @@ from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.wrench_channels import Channel
+from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.campaign import laws
-from rb_dynamics.study.campaign.bodies import CHANNEL, FORCE, TORQUE, step_ns
+from rb_dynamics.study.campaign.block_propagation import CHANNEL, FORCE, TORQUE, step_ns
 from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES, sharing
 from rb_dynamics.study.campaign.metrics import OF_ACTUATORS, QUANTITIES, REDUCTIONS, MetricAccumulator
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement

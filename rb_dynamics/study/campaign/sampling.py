@@ -16,7 +16,7 @@ from rb_dynamics.study.campaign.model import Campaign
 if TYPE_CHECKING:
     import numpy as np
 
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
 
 INPUTS, NOISE, LAW, SENSORS = range(4)
 """Independent streams of random numbers per run."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from rb_dynamics.numerics.arrays import Numbers
+    from rb_dynamics.numerics.array_types import Numbers
     from rb_dynamics.study.campaign.block_of_runs import Columns
 
 CONFIDENCE = 0.95

@@ -14,10 +14,10 @@ from dataclasses import replace
 from rb_dynamics.errors import SceneError
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.numerics.argument_checks import items, number, shown
+from rb_dynamics.run.plan import cannot_take
 from rb_dynamics.run.simulation import Command, as_command
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
-from rb_dynamics.scene.plan import cannot_take
 from rb_dynamics.study.explain import fixed_costs, measured_length, probed
 from rb_dynamics.study.stopwatch import Clock, Stopwatch
 from rb_dynamics.study.trade.excerpt import accepted, trial_of

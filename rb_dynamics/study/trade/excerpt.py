@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.caching import clear_caches
 from rb_dynamics.motion.fixed_step_kernel import OnDemand, Tally, counted_by
+from rb_dynamics.motion.result_cache import clear_caches
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
+from rb_dynamics.run.plan import OPEN_END_HORIZON
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import Command, Simulation, post_all
 from rb_dynamics.scene.model import Scene, Solver
-from rb_dynamics.scene.plan import OPEN_END_HORIZON
 from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52

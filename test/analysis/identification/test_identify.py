@@ -15,7 +15,7 @@ from rb_dynamics import Identification, LogError, RigidBody, SceneError, identif
 from rb_dynamics.analysis.identification.flights import Flight
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.loads.drag import LinearDrag
-from rb_dynamics.loads.rotor import Rotor
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 
 AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 

@@ -15,7 +15,7 @@ from rb_dynamics import Simulation, Wrench
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
-from rb_dynamics.study.campaign.bodies import CHANNEL
+from rb_dynamics.study.campaign.block_propagation import CHANNEL
 from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign

@@ -16,7 +16,7 @@ from rb_dynamics import Scene, Setpoint, Wrench, simulate
 from rb_dynamics.errors import SceneError
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
-from rb_dynamics.study.campaign.bodies import CHANNEL
+from rb_dynamics.study.campaign.block_propagation import CHANNEL
 from rb_dynamics.study.campaign.control import sharing
 from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.laws import RandomStreams

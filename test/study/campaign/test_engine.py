@@ -47,7 +47,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def _no_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """Omit the page, which takes thirty times as long as the runs; test_summary.py tests it."""
-    monkeypatch.setattr("rb_dynamics.cli.campaign._write_page", lambda *_: None)
+    monkeypatch.setattr("rb_dynamics.cli.commands.campaign._write_page", lambda *_: None)
 
 
 def fly(campaign: Path, out: Path, **arguments: Any) -> bytes:

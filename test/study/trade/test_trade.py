@@ -18,7 +18,7 @@ import motions
 import pytest
 
 from rb_dynamics.cli import main
-from rb_dynamics.cli.trade import as_text
+from rb_dynamics.cli.commands.trade import as_text
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench

@@ -1,0 +1,293 @@
+"""`onboard`: what the wheels, commands and sensors of a log of this package did: speeds, limits, measured beside true.
+
+The true value is that of the log at an output; a sensor's sample between two outputs has none to compare with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.errors import WrenchError
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.log_metadata import TOPICS
+from rb_dynamics.formats.message_types import JOINTS
+from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.loads.actuator import Actuator
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.logs.messages import WHEELS
+from rb_dynamics.logs.own_log import logged_scene
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.rotation_arrays import rotations_between
+from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.sensors.sensor import Sensor, Truth
+
+_UNITS = {
+    "angular_velocity": "rad/s",
+    "orientation_xyzw": "rad",
+    "magnetic_field": "T",
+    "direction": "rad",
+    "position_world": "m",
+}
+# Comparing one sample takes some 10 us; more would not make the figures better.
+_MOST = 20_000
+# A wheel that is held at its limit is off it by rounding.
+_AT_LIMIT = 1.0 - 1e-9
+
+
+@dataclass(frozen=True)
+class WheelSpeeds:
+    """The speed of a reaction wheel relative to the body.
+
+    Attributes:
+        name: of the wheel.
+        max_speed: rad/s; infinite for no limit.
+        time_ns: times of the outputs.
+        speed: rad/s, one for each.
+    """
+
+    name: str
+    max_speed: float
+    time_ns: Times
+    speed: Array
+
+    @property
+    def first(self) -> float:
+        """At the first output."""
+        return float(self.speed[0])
+
+    @property
+    def last(self) -> float:
+        """At the last one."""
+        return float(self.speed[-1])
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude."""
+        return float(np.abs(self.speed).max())
+
+    @property
+    def largest_ns(self) -> int:
+        """When it had that magnitude."""
+        return int(self.time_ns[np.abs(self.speed).argmax()])
+
+    @property
+    def at_limit_s(self) -> float:
+        """How long it was at its limit, s: between two successive outputs that both show it there."""
+        there = np.abs(self.speed) >= _AT_LIMIT * self.max_speed
+        return float(np.diff(self.time_ns)[there[1:] & there[:-1]].sum() * 1e-9)
+
+
+@dataclass(frozen=True)
+class ActuatorUse:
+    """The commands to an actuator.
+
+    Attributes:
+        name: of the actuator.
+        kind: its `type` in the scene.
+        unit: of its commands.
+        commands: how many were received.
+        largest: the largest, either way, as it came.
+        limited: how many its limits made smaller.
+        rejected: how many it could not honour, such as an on-time that is too short.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    commands: int
+    largest: float
+    limited: int
+    rejected: int
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """What a sensor measured less what is true, in the samples taken at an output.
+
+    Attributes:
+        name: of the sensor.
+        quantity: what it measured.
+        unit: of the errors.
+        count: its messages.
+        time_ns: of the samples compared.
+        measured: one row for each.
+        true: likewise, what a sensor without errors would have measured.
+        errors: (n, 3), in the axes of the sensor, of a position those of the world; of an attitude the turn from true
+            to measured.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    count: int
+    time_ns: Times
+    measured: Array
+    true: Array
+    errors: Array
+
+    @property
+    def compared(self) -> int:
+        """How many samples are compared."""
+        return len(self.time_ns)
+
+    @property
+    def mean(self) -> Array:
+        """Of the errors, about each axis."""
+        return np.asarray(self.errors.mean(axis=0))
+
+    @property
+    def deviation(self) -> Array:
+        """Their standard deviation."""
+        return np.asarray(self.errors.std(axis=0))
+
+
+@dataclass(frozen=True)
+class Onboard:
+    """What wheels, actuators and sensors did; empty where the scene has none.
+
+    Attributes:
+        wheels: their speeds.
+        actuators: their commands, of those to which some came.
+        sensors: their errors, of those that can be compared.
+        topics: what each topic is used for, by its name in the log.
+    """
+
+    wheels: tuple[WheelSpeeds, ...] = ()
+    actuators: tuple[ActuatorUse, ...] = ()
+    sensors: tuple[SensorErrors, ...] = ()
+    topics: Mapping[str, str] = field(default_factory=dict)
+
+    def warnings(self) -> list[str]:
+        """Return what a user should look at, in full sentences."""
+        told = [
+            f"{wheel.name} was at its max_speed of {wheel.max_speed:g} rad/s for {wheel.at_limit_s:.6g} s."
+            for wheel in self.wheels
+            if wheel.at_limit_s > 0.0
+        ]
+        for each in self.actuators:
+            for count, what in ((each.limited, "limited"), (each.rejected, "rejected and had no effect")):
+                if count:
+                    told.append(f"{each.name}: {count} of {each.commands} commands {what}.")
+        return told
+
+
+def onboard(track: Track) -> Onboard:
+    """Return what the log of a scene with actuators or sensors says about them."""
+    scene = logged_scene(track.bag.attachments) if track.own else None
+    if scene is None or not (scene.actuators or scene.sensors):
+        return Onboard()
+    names = track.bag.metadata.get(TOPICS, {})
+
+    def called(name: str) -> str:
+        return names.get(name, name if name.startswith("/") else f"/{name}")
+
+    wanted = [*(each.topic for each in scene.actuators), *(each.name for each in scene.sensors), WHEELS[0]]
+    found = _numbers(track, {called(name): name for name in wanted})
+    uses = {each.topic: "command" for each in scene.actuators} | {each.name: "sensor" for each in scene.sensors}
+    return Onboard(
+        tuple(_wheels(scene.wheels, *found[WHEELS[0]])) if WHEELS[0] in found else (),
+        tuple(_use(each, found[each.topic][1][:, 0]) for each in scene.actuators if each.topic in found),
+        tuple(
+            part
+            for each in scene.sensors
+            if each.name in found
+            for part in _errors(track, scene, each, *found[each.name])
+        ),
+        {called(name): use for name, use in (uses | {WHEELS[0]: "wheel speeds"}).items() if name in found},
+    )
+
+
+def pointing_error(track: Track, target_xyzw: Quaternion) -> TimeSeries | None:
+    """Return the angle (rad) from an attitude to that of the body; None where no attitude is recorded."""
+    if track.pose is None:
+        return None
+    attitude = unit_rows(track.pose.values[:, 3:])
+    turn = rotations_between(np.broadcast_to(target_xyzw, attitude.shape), attitude)
+    return TimeSeries(track.pose.topic, track.pose.time_ns, np.linalg.norm(turn, axis=1))
+
+
+def _numbers(track: Track, wanted: Mapping[str, str]) -> dict[str, tuple[Times, Array]]:
+    """Return times (ns) and rows of numbers of the topics `wanted`, by the name that the scene has for each."""
+    topics: dict[str, Topic] = {}
+    speeds: list[tuple[Times, Array]] = []
+    for block in open_source(track.bag.path).blocks():
+        kind, name = block.channel.type_name, wanted.get(block.channel.topic)
+        if name is None:
+            continue
+        if kind != JOINTS:
+            runs = tuple(place for place, part in enumerate(cdr.LAYOUTS[kind]) if isinstance(part, int))
+            topics.setdefault(name, Topic(name, kind, bears=True, fields=runs)).take(block)
+            continue
+        for messages in block.rows():
+            _, places = cdr.places(kind, messages[0].tobytes())
+            columns = [messages[:, at : at + 8].copy().view("<f8") for at in places]
+            speeds.append((block.log_times, np.hstack(columns)))
+    found = {name: (topic.stamps, topic.numbers) for name, topic in topics.items()}
+    if speeds:
+        found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))
+    first_ns, last_ns = track.span_ns if track.bag.cut else (-(2**63), 2**63 - 1)
+    for name, (times, rows) in found.items():
+        kept = (times >= first_ns) & (times <= last_ns) & np.isfinite(rows).all(axis=1)
+        found[name] = times[kept], rows[kept]
+    return {name: (times, rows) for name, (times, rows) in found.items() if len(times)}
+
+
+def _wheels(wheels: Iterable[ReactionWheel], times: Times, rows: Array) -> Iterator[WheelSpeeds]:
+    for place, wheel in enumerate(wheels):
+        yield WheelSpeeds(wheel.name, wheel.max_speed, times, rows[:, place])
+
+
+def _use(actuator: Actuator, values: Array) -> ActuatorUse:
+    limited = rejected = 0
+    different, counts = np.unique(values, return_counts=True)
+    for value, count in zip(different.tolist(), counts.tolist(), strict=True):
+        try:
+            limited += count * actuator.accept(value).clipped
+        except WrenchError:
+            rejected += count
+    largest = float(np.abs(values).max())
+    return ActuatorUse(actuator.name, actuator.kind, actuator.unit, len(values), largest, limited, rejected)
+
+
+def _errors(track: Track, scene: Scene, sensor: Sensor, times: Times, rows: Array) -> Iterator[SensorErrors]:
+    """Yield the errors of each quantity that pose and twist determine: a specific force needs the acceleration too."""
+    if track.pose is None or track.twist is None:
+        return
+    outputs, at_pose, at_twist = np.intersect1d(track.pose.time_ns, track.twist.time_ns, return_indices=True)
+    time_ns, at, at_output = np.intersect1d(times, outputs, return_indices=True)
+    some = np.linspace(0, len(time_ns) - 1, min(len(time_ns), _MOST)).astype(int)
+    time_ns, at, at_output = time_ns[some], at[some], at_output[some]
+    poses, rates = track.pose.values[at_pose[at_output]], track.twist.values[at_twist[at_output], 3:]
+    read = sensor.ideal.reading(scene.seed, scene.frames)
+    effects = scene.combined_effects
+    gravity = effects.gravity()
+
+    def true(time: int, pose: list[float], rate: list[float]) -> tuple[float, ...]:
+        (x, y, z, a, b, c, d), (p, q, r) = pose, rate
+        field = effects.magnetic_field(time * 1e-9)
+        return read(0, Truth((x, y, z), (a, b, c, d), (p, q, r), _unknown, gravity, field)) or ()
+
+    found = [true(*each) for each in zip(time_ns.tolist(), poses.tolist(), rates.tolist(), strict=True)]
+    # Out of its view, a sun sensor sends nothing; at the edge, rounding errors may have made it send a message.
+    seen = np.array([bool(numbers) for numbers in found], dtype=bool)
+    if not seen.any():
+        return
+    ideal = np.array([numbers for numbers in found if numbers])
+    time_ns, measured = time_ns[seen], rows[at[seen]]
+    for quantity, columns in sensor.values.items():
+        pair = ideal[:, columns], measured[:, columns]
+        if quantity not in _UNITS or not np.isfinite(pair[0]).all():
+            continue
+        errors = rotations_between(*pair) if quantity == "orientation_xyzw" else pair[1] - pair[0]
+        yield SensorErrors(sensor.name, quantity, _UNITS[quantity], len(times), time_ns, pair[1], pair[0], errors)
+
+
+def _unknown() -> tuple[Vector, Vector]:
+    return (math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan)

@@ -1,0 +1,375 @@
+"""Whether pose and twist agree: the integral of the twist against the change of the pose.
+
+Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
+attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
+opposite sign, degrees and other quaternions are tried as explanations. A lag, a factor and turned axes are estimated
+(`twist_calibration.py`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.gaps import longest_usual
+from rb_dynamics.analysis.noise import typical
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
+
+# A difference larger than this fraction of either change is a contradiction.
+_CONTRADICTS = 0.3
+# Another interpretation explains it if it leaves no more than this fraction.
+_RECONCILED = 0.1
+# Smaller differences may be sensor errors, such as the constant error of gyros: rad/s and m/s.
+_SENSORS = 0.05
+# A window counts if it turns by at least this (rad), and by this multiple of the noise.
+_LEAST_TURN, _ABOVE_NOISE = 0.05, 10.0
+_LEAST_WINDOWS = 3
+# In a window they also contradict each other beyond this fraction, and this multiple of that in a quarter of them.
+_PART, _ABOVE_USUAL = 0.1, 20.0
+_SECOND = 1_000_000_000
+# A recording that is too short for windows of a second is judged by shorter ones.
+_SHORTER = _SECOND // 10
+# Larger rotations between samples do not determine how the body rotated; rad.
+_FARTHEST, _AROUND = 1.0, 2.0
+
+
+_AS_IS = (1, 2, 3)
+_DEGREE = np.pi / 180.0
+# What programs write for x, y, z, w of body to world: from 1 on, with sign.
+_QUATERNIONS = {
+    "": (1, 2, 3, 4),
+    "with attitudes from world to body": (-1, -2, -3, 4),
+    "with (w, x, y, z) for the (x, y, z, w) of attitudes": (2, 3, 4, 1),
+    "with (w, x, y, z) for the (x, y, z, w) of attitudes from world to body": (-2, -3, -4, 1),
+}
+
+
+def _other_axes() -> list[tuple[int, ...]]:
+    """Return signed orders of axes that programs take for each other: one sign, or a rotation by quarter turns."""
+    signed = [
+        tuple(s * a for s, a in zip(signs, order, strict=True))
+        for order in itertools.permutations(_AS_IS)
+        for signs in itertools.product((1, -1), repeat=3)
+    ]
+    one_sign = [axes for axes in signed if tuple(map(abs, axes)) == _AS_IS and sum(axis < 0 for axis in axes) == 1]
+    turns = [a for a in signed if np.linalg.det(np.sign(a)[:, None] * np.eye(3)[np.abs(a) - 1]) > 0.0 and a != _AS_IS]
+    return one_sign + turns
+
+
+@dataclass(frozen=True)
+class TwistReading:
+    """An interpretation of a twist: its frame, a factor, and which of its numbers are x, y, z, from 1 on, with sign.
+
+    `attitude`, a key of `_QUATERNIONS`, is that of the attitudes beside it.
+    """
+
+    world: bool
+    factor: float
+    axes: tuple[int, ...] = _AS_IS
+    attitude: str = ""
+
+    def words(self, given: TwistReading) -> str:
+        """Return the difference from the `given` interpretation, as text."""
+        parts = [f"in {'world' if self.world else 'body'} axes"] if self.world != given.world else []
+        parts += ["with the opposite sign"] if self.factor < 0.0 else []
+        parts += ["in degrees per second"] if abs(self.factor) == _DEGREE else []
+        parts += ["multiplied by 180/π, as if converted twice"] if self.factor == 1.0 / _DEGREE else []
+        parts += [self.attitude] if self.attitude else []
+        if self.axes != _AS_IS:
+            named = ["-" * (axis < 0) + "xyz"[abs(axis) - 1] for axis in self.axes]
+            parts.append(f"with ({', '.join(named)}) for its (x, y, z)")
+        return " and ".join(parts)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well twist and pose agree.
+
+    Attributes:
+        of: "attitude" or "position".
+        error: median difference over a window, relative to the larger change; None if unknown.
+        window_s: length of a window.
+        windows: number compared.
+        contradicts: whether at least one of the two must be wrong.
+        remedy: interpretation of the twist with which they agree, "" if none was found.
+        remaining: `error` with it.
+        nothing: whether the twist is always zero.
+        reason: why `error` is unknown, "" if it is known.
+        partly: fraction of the windows that contradict each other, if that of the median does not; 0 for a single one.
+        aligned: lag, factor and turn of the twist relative to the pose.
+        odd: whether they contradict each other in any window, be it a single one.
+        when_ns: first and last time of the windows, as far as they follow each other, in which they do so `partly`.
+    """
+
+    of: str
+    error: float | None
+    window_s: float = 0.0
+    windows: int = 0
+    contradicts: bool = False
+    remedy: str = ""
+    remaining: float = 0.0
+    nothing: bool = False
+    reason: str = ""
+    partly: float = 0.0
+    aligned: TwistFit = TwistFit()
+    odd: bool = False
+    when_ns: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """Why a torque must not be concluded from the twist; "" if nothing speaks against it."""
+        return self.aligned.words or ("pose and twist contradict each other for a moment" if self.odd else "")
+
+
+def agreements(track: Track) -> tuple[Agreement, ...]:
+    """Return how attitude and position agree with the twist.
+
+    Empty if pose or twist is absent, and for a log of this package, whose pose and twist come from one state.
+    """
+    if track.own or track.pose is None or track.twist is None:
+        return ()
+    return agreements_of(track.pose, track.twist, track.twist_in_world)
+
+
+def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> tuple[Agreement, ...]:
+    """Return how attitude and position of a pose agree with a twist; NaN: not measured. Empty for too few samples."""
+    if len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
+        return ()
+    both = _Both.of(pose, twist)
+    if both is None:
+        reason = f"{pose.topic} and {twist.topic} are not of the same time"
+        return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
+    given = TwistReading(twist_in_world, 1.0)
+    turns = [TwistReading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
+    # Other axes with the opposite sign look the same as inverted attitudes, which are what occurs in practice.
+    turns.remove(TwistReading(not given.world, -1.0))
+    turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
+    moves = [TwistReading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
+    far = float((np.linalg.norm(both.twist[:, 3:], axis=1) > _AROUND).mean()) > 0.5
+    if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
+        reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"
+        return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
+    attitude = _with_alignment(_judged("attitude", both, turns), both, pose, twist, turns)
+    if far and attitude.error is not None and not attitude.remedy:
+        attitude = Agreement("attitude", None, reason=f"between two poses the twist turns by more than {_AROUND:g} rad")
+    if np.isnan(both.pose[:, :3]).any() or np.isnan(both.twist[:, :3]).any():
+        lacks = pose.topic if np.isnan(both.pose[:, :3]).any() else twist.topic
+        return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
+    return attitude, _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
+
+
+def _with_alignment(
+    found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[TwistReading]
+) -> Agreement:
+    """Return the agreement with the misalignment of the twist, and judged again without it."""
+    if found.nothing or found.remedy:
+        return found
+    given, part = readings[0], slice(3, 6) if found.of == "attitude" else slice(0, 3)
+    rows, said = both.increments(found.of, given.world, twist), twist.values[:, part]
+    turn = float(np.median(np.linalg.norm(both.turned, axis=1)))
+    aligned = fit_of_twist(both.time_ns, rows, twist.time_ns, said, turn)
+    if not aligned.words:
+        return found
+    without = _Both.of(pose, aligned.corrected(twist))
+    rest = found if without is None else _judged(found.of, without, readings)
+    if found.error is None or rest.error is None:
+        return replace(found, aligned=aligned)
+    # A difference in a part of the recording only has no single lag and factor.
+    if found.partly and rest.error > _CONTRADICTS * found.error:
+        return found
+    return replace(
+        found, aligned=aligned, contradicts=found.contradicts or aligned.large, partly=rest.partly, when_ns=rest.when_ns
+    )
+
+
+class _Found(NamedTuple):
+    """Median relative error, median error per second, number and length (s) of windows, fraction that contradict.
+
+    `odd` is whether any is far from the best, `when_ns` are first and last times of those that contradict.
+    """
+
+    error: float
+    speed: float
+    windows: int
+    window_s: float
+    beyond: float
+    odd: bool
+    when_ns: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class _Both:
+    """Pose, and the integral of the twist over each of its intervals.
+
+    Attributes:
+        time_ns: (n,).
+        pose: (n, 7), quaternions of unit length.
+        twist: (n - 1, 6), integral of the twist over each interval, in its own axes.
+        turned: (n - 1, 3), rotation in each interval, rad, world axes.
+        stretch: number of the stretch of each interval, -1 if it is not judged.
+    """
+
+    time_ns: Times
+    pose: Array
+    twist: Array
+    turned: Array
+    stretch: NDArray[np.int_]
+
+    @staticmethod
+    def of(pose: TimeSeries, twist: TimeSeries) -> _Both | None:
+        start = twist.time_ns[0]
+        within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
+        within[1:] &= np.diff(pose.time_ns) > 0
+        time_ns = pose.time_ns[within]
+        if len(time_ns) < 2 * _LEAST_WINDOWS:
+            return None
+        rows = np.hstack([pose.values[within, :3], unit_rows(pose.values[within, 3:])])
+        at, wanted = (twist.time_ns - start) * 1e-9, (time_ns - start) * 1e-9
+        steps = np.diff(at)[:, None]
+        sums = np.concatenate(
+            [np.zeros((1, 6)), np.cumsum(0.5 * steps * (twist.values[1:] + twist.values[:-1]), axis=0)]
+        )
+        added = np.diff(np.stack([np.interp(wanted, at, column) for column in sums.T], axis=1), axis=0)
+        turned = rotate_all(rows[:-1, 3:], rotation_vectors(rows[:, 3:]))
+        holes = np.flatnonzero(np.diff(twist.time_ns) > longest_usual(twist.time_ns))
+        ends, begins = twist.time_ns[holes], twist.time_ns[holes + 1]
+        broken = np.searchsorted(ends, time_ns[1:], side="left") > np.searchsorted(begins, time_ns[:-1], side="right")
+        broken |= np.diff(time_ns) > longest_usual(time_ns)
+        broken |= np.linalg.norm(turned, axis=1) > _FARTHEST
+        return _Both(time_ns, rows, added, turned, np.where(broken, -1, np.cumsum(broken)))
+
+    def increments(self, of: str, world: bool, twist: TimeSeries) -> Array:
+        """Return the change in each interval in the axes of the twist, NaN where it is not judged."""
+        attitude = self.pose[:, 3:]
+        if of == "attitude":
+            at = (twist.time_ns - self.time_ns[0]) * 1e-9
+            since = (self.time_ns - self.time_ns[0]) * 1e-9
+            rates = np.stack([np.interp(since, at, column) for column in twist.values[:, 3:].T], axis=1)
+            # An integral of rates is not a rotation if their axis turns (Bortz, IEEE Trans. AES-7 (1971) 61).
+            cone = np.diff(since)[:, None] ** 2 / 12.0 * np.cross(rates[:-1], rates[1:])
+            result = self.turned + cone if world else rotation_vectors(attitude) - cone
+        else:
+            result = self.changes(of)
+            if not world:
+                ends = rotate_all_inverse(attitude[:-1], result), rotate_all_inverse(attitude[1:], result)
+                result = 0.5 * (ends[0] + ends[1])
+        return np.where(self.stretch[:, None] >= 0, result, np.nan)
+
+    def changes(self, of: str) -> Array:
+        """Return the change of attitude or position in each interval, world axes."""
+        return self.turned if of == "attitude" else np.diff(self.pose[:, :3], axis=0)
+
+    def taken(self, attitude: str) -> _Both:
+        """Return the same with other attitudes; see `TwistReading`."""
+        if not attitude:
+            return self
+        order = np.array(_QUATERNIONS[attitude])
+        turns = self.pose[:, 3:][:, np.abs(order) - 1] * np.sign(order)
+        pose = np.hstack([self.pose[:, :3], turns])
+        return replace(self, pose=pose, turned=rotate_all(turns[:-1], rotation_vectors(turns)))
+
+    def said(self, part: slice, reading: TwistReading) -> Array:
+        """Return the integral of a part of the twist over each interval, world axes."""
+        added = reading.factor * self.twist[:, part][:, np.abs(reading.axes) - 1] * np.sign(reading.axes)
+        if reading.world:
+            return added
+        attitude = self.pose[:, 3:]
+        turned: Array = 0.5 * (rotate_all(attitude[:-1], added) + rotate_all(attitude[1:], added))
+        return turned
+
+
+def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
+    """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
+    gone, part = both.changes(of), slice(3, 6) if of == "attitude" else slice(0, 3)
+    least = _LEAST_TURN if of == "attitude" else 1e-9 * float(np.abs(both.pose[:, :3]).max())
+    path = np.concatenate([np.zeros((1, 3)), np.cumsum(gone, axis=0)])
+    floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
+    given, *others = readings
+
+    def compared(reading: TwistReading) -> _Found | None:
+        taken = both.taken(reading.attitude)
+        return _windows(taken, taken.changes(of), taken.said(part, reading), floor)
+
+    found = compared(given)
+    if found is None:
+        moves = "turns" if of == "attitude" else "moves"
+        return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
+    error, speed, count, window_s, beyond, odd, when_ns = found
+    if not both.twist[:, part].any():
+        return Agreement(of, error, window_s, count, True, nothing=True)
+    remedy, remaining = "", 0.0
+    if error > _CONTRADICTS:
+        remedy, remaining = _remedy(given, others, compared, _RECONCILED)
+    if not remedy and speed > _SENSORS:
+        # A difference about an axis about which the body hardly turns is small, and only that axis explains it.
+        turned = [replace(given, axes=axes) for axes in _other_axes()]
+        remedy, remaining = _remedy(given, turned, compared, _RECONCILED * min(1.0, error))
+    if error <= _CONTRADICTS and not remedy:
+        partly = beyond if beyond * count > 1.5 else 0.0
+        when_ns = when_ns if partly else ()
+        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd, when_ns=when_ns)
+    contradicts = bool(remedy) or speed > _SENSORS
+    if not contradicts:
+        unit = "rad/s" if of == "attitude" else "m/s"
+        return Agreement(of, None, reason=f"they differ by {speed:.2g} {unit}, as the constant error of a sensor may")
+    return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
+
+
+def _remedy(
+    given: TwistReading, others: list[TwistReading], compared: Callable[[TwistReading], _Found | None], accepted: float
+) -> tuple[str, float]:
+    """Return the first of `others` that fits about as well as the best, and what it leaves; "" beyond `accepted`."""
+    tried = [(found[0], reading) for reading in others if (found := compared(reading))]
+    least = min((error for error, _ in tried), default=np.inf)
+    if least > accepted:
+        return "", 0.0
+    error, first = next(each for each in tried if each[0] <= max(1.5 * least, 1e-12))
+    return first.words(given), error
+
+
+def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | None:
+    """Return how they differ; None for too few windows.
+
+    The shortest of 1 s, 10 s, ... in which the body moves far enough; from 0.1 s on of a short recording.
+    """
+    since = both.time_ns[:-1] - both.time_ns[0]
+    apart = np.diff(both.time_ns)
+    judged = both.stretch >= 0
+    whole = int(since[-1] + apart[-1])
+    length = _SECOND if whole >= _SECOND * _LEAST_WINDOWS else _SHORTER
+    while length * _LEAST_WINDOWS <= max(whole, _SHORTER * _LEAST_WINDOWS):
+        windows, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
+        label = label.ravel()
+
+        def total(values: Array, label: NDArray[np.intp] = label) -> Array:
+            return np.stack([np.bincount(label, column * judged) for column in values.T], axis=1)
+
+        seconds = np.bincount(label, apart * judged) * 1e-9
+        did, told = total(gone), total(said)
+        size = np.maximum(np.linalg.norm(did, axis=1), np.linalg.norm(told, axis=1))
+        error = np.linalg.norm(did - told, axis=1)
+        kept = (size > floor) & (seconds >= 0.5e-9 * length)
+        if int(kept.sum()) >= _LEAST_WINDOWS:
+            ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
+            limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
+            beyond = (ratio > limit) & (speed > _SENSORS)
+            begins = np.sort(both.time_ns[0] + windows[1, kept][beyond] * length)
+            far = (ratio > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
+            middle = float(np.median(ratio)), float(np.median(speed))
+            share, when = float(beyond.mean()), _spans(begins, length)
+            return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(far.any()), when)
+        length *= 10
+    return None
+
+
+def _spans(begins: Times, length: int) -> tuple[tuple[int, int], ...]:
+    """Return begin and end of windows of this length that begin at these times, those that follow each other as one."""
+    runs = np.split(begins, np.flatnonzero(np.diff(begins) > length) + 1)
+    return tuple((int(run[0]), int(run[-1]) + length) for run in runs if len(run))

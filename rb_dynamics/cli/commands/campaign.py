@@ -1,0 +1,160 @@
+"""Run a scene many times with dispersed numbers, and print statistics over the runs.
+
+Blocks of runs are computed by dask processes on this machine (extra: scale), or behind --scheduler. Rows are stored as
+they are finished: the same command resumes an interrupted campaign, and ends with the same file. Results do not depend
+on workers and blocks. --rerun repeats one run alone, with a full log, and compares it with its row. Exit code 1: some
+runs failed, or the repeated run differs from its row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from typing import TYPE_CHECKING
+
+from rb_dynamics.cli.parser import require_with
+from rb_dynamics.numerics.argparse_types import whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rb_dynamics.study.campaign.block_of_runs import Columns
+    from rb_dynamics.study.campaign.model import Campaign
+    from rb_dynamics.study.campaign.store import Store
+    from rb_dynamics.study.campaign.summary import CampaignSummary
+
+HELP = "run a scene many times with dispersed numbers"
+
+_COUNT = whole("a whole number of 0 or more", lambda value: value >= 0)
+_POSITIVE = whole("a whole number of 1 or more", lambda value: value >= 1)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `campaign`."""
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="campaign file (YAML)")
+    parser.add_argument("--runs", type=_POSITIVE, metavar="N", help="number of runs, instead of the campaign's")
+    parser.add_argument("--seed", type=_COUNT, metavar="N", help="seed, instead of the campaign's")
+    parser.add_argument("--out", metavar="F", help="Parquet file for the rows; default: out/<name>.parquet")
+    parser.add_argument("--html", metavar="F", help="page of the results; default: beside the rows (extra: plot)")
+    parser.add_argument("--overwrite", action="store_true", help="start again and replace existing rows")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--scheduler", metavar="ADDRESS", help="dask scheduler of a cluster, such as tcp://host:8786")
+    where.add_argument(
+        "--workers",
+        type=_COUNT,
+        metavar="N",
+        help="processes on this machine; 0: threads of this process; default: one per core, or 0 if that is faster",
+    )
+    parser.add_argument("--block", type=_POSITIVE, metavar="N", help="runs in a block; default: chosen")
+    parser.add_argument("--rerun", type=_COUNT, metavar="RUN", help="repeat this run alone, with a full log")
+    parser.add_argument("--mcap", metavar="F", help="log of --rerun; default: out/<name>-RUN.mcap")
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, floats in full")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run and print; exit code 0, or 1 if a run failed or differs from its row."""
+    from pathlib import Path
+
+    from rb_dynamics.study.campaign.read import read_campaign
+
+    require_with(args, "--mcap", bool(args.mcap), "--rerun", args.rerun is not None)
+    overrides = {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
+    campaign = read_campaign(args.campaign, overrides)
+    out = Path(args.out or Path("out", f"{Path(args.campaign).stem}.parquet"))
+    return _run_again(args, campaign, out) if args.rerun is not None else _run_all(args, campaign, out)
+
+
+def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
+    from pathlib import Path
+
+    from rb_dynamics.formats.output_file import make_folder
+    from rb_dynamics.study.campaign.store import Store
+
+    if args.html:
+        make_folder(Path(args.html))
+    with contextlib.closing(Store(out, campaign, args.overwrite)) as store:
+        return _fly(args, campaign, store)
+
+
+def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
+    """Run what `store` does not have yet, and print statistics over all rows."""
+    import json
+
+    from rb_dynamics.cli.output import counting, written_page
+    from rb_dynamics.formats.output_file import OutputFile
+    from rb_dynamics.study.campaign.engine import goes_side_by_side, run_campaign
+    from rb_dynamics.study.campaign.loop_stability import remarks
+    from rb_dynamics.study.campaign.store import read_rows
+    from rb_dynamics.study.campaign.summary import as_text, summarise
+
+    out = store.path
+    if store.done:
+        print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
+    for remark in remarks(campaign):
+        print(f"note: {remark}", file=sys.stderr)
+    if not goes_side_by_side(campaign):
+        print(
+            "note: these runs go one by one, some hundred times slower than side by side, which needs a scene without "
+            "effects, actuators or sensors, a solver.step, and delays that are whole multiples of it, as with step: in "
+            "the distribution (see docs/campaigns.md)",
+            file=sys.stderr,
+        )
+    with counting(args.campaign, "run", store.done, campaign.runs) as progress:
+        run_campaign(
+            campaign, store, workers=args.workers, scheduler=args.scheduler, block=args.block, progress=progress
+        )
+    rows = read_rows(out)
+    summary = summarise(campaign, rows)
+    found = summary.as_dict()
+    with contextlib.closing(OutputFile(out.with_suffix(".json"))) as file:
+        file.write(json.dumps(found, allow_nan=False).encode())
+    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args), str(out)))
+    page = _write_page(args, campaign, rows, out, summary)
+    if not args.json:
+        for path in (out, out.with_suffix(".json")):
+            print(f"wrote {path}")
+        if page is not None:
+            print(written_page(str(page)))
+    return 1 if summary.errors else 0
+
+
+def _options(args: argparse.Namespace) -> list[str]:
+    """Return the words of the command line that --rerun also needs, to repeat the same run and find its row."""
+    given = {name: getattr(args, name) for name in ("runs", "seed", "out")}
+    return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+
+
+def _write_page(
+    args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: CampaignSummary
+) -> Path | None:
+    """Write the page; unless it was requested, missing libraries are only a note."""
+    from pathlib import Path
+
+    from rb_dynamics.errors import MissingExtraError
+    from rb_dynamics.report.campaign_page import campaign_report
+    from rb_dynamics.report.html import write_html
+
+    page = Path(args.html) if args.html else out.with_suffix(".html")
+    try:
+        write_html(page, campaign_report(campaign, rows, _options(args), summary))
+    except MissingExtraError as error:
+        if args.html:
+            raise
+        print(f"note: no page: {error}", file=sys.stderr)
+        return None
+    return page
+
+
+def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
+    import json
+    from pathlib import Path
+
+    from rb_dynamics.study.campaign.single_run import rerun
+
+    log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
+    found = rerun(campaign, args.rerun, log, out)
+    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
+    if found.row is None:
+        print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
+    return 1 if found.differs or found.error else 0

@@ -1,0 +1,133 @@
+"""Compare two flights: logs of this package, bags of other programs, or a scene flown under the commands of a bag.
+
+  compare A.mcap B.mcap              two recordings
+  compare BAG BAG --pose-topic /odom --pose-topic /mocap   two topics of one bag
+  compare SCENE.yaml BAG             the scene, flown under the commands of BAG, against the motion in BAG
+  compare BAG --scene SCENE          likewise; with two recordings, --scene gives body and frames of bags without them
+
+Times are aligned by stamps; by the commands, if one was flown from the other; otherwise by the lag that fits best, with
+its uncertainty, and it is an error if no lag is certain. Values are compared at stamps of both, or interpolated, never
+across a gap.
+
+Exit codes: 0 compared; 1 a difference of attitude, position or velocities is beyond --bound, or less than --share of
+the time is compared; 2 nothing to compare.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from decimal import Decimal
+
+from rb_dynamics.cli.parser import add_window
+from rb_dynamics.cli.scene_arguments import add_start_and_topics, mapping_of
+from rb_dynamics.cli.topic_arguments import add_topics, topics_of_two
+from rb_dynamics.numerics.argparse_types import real
+
+HELP = "compare two flights, or a scene with a recording"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `compare`."""
+    parser.add_argument("a", metavar="A", help="log of a run, bag of pose, twist or wrench, or scene file")
+    parser.add_argument("b", metavar="B", nargs="?", help="the same; without it, the scene of --scene")
+    parser.add_argument("--scene", metavar="SCENE", help="body and frames of bags, and what is flown without B")
+    parser.add_argument(
+        "--align", type=_align, metavar="start|stamp|SECONDS",
+        help="start: the motions begin together; stamp: one clock; SECONDS: B's time less A's at one instant",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bound", type=_bound, metavar="X|NAME=X,...",
+        help="largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s); or of some of "
+        "them, as in attitude=0.01,position=0.05 (also angular_velocity, linear_velocity)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share", type=real("a number from 0 to 1", lambda v: 0.0 <= v <= 1.0), default=0.0, metavar="X",
+        help="least part, 0 to 1, of the longer of the two, within --from and --to, that is to be compared",
+    )  # fmt: skip
+    add_window(parser, "compare")
+    add_start_and_topics(parser, "of a scene that is flown: ")
+    add_topics(parser, "; given twice: of A and of B")
+    parser.add_argument(
+        "--html", metavar="F", help="write a page with both motions and their differences (extra: plot)"
+    )
+    parser.add_argument(
+        "--rerun",
+        metavar="F",
+        default="",
+        help="write both bodies as a Rerun recording, or show them in a viewer (extra: log)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, floats in full")
+
+
+def _bound(text: str) -> float | dict[str, float]:
+    from rb_dynamics.analysis.comparison import MOTION
+
+    if "=" not in text:
+        return real("a number, 0 or more, or names and numbers such as attitude=0.01,position=0.05", _accepts)(text)
+    bounds: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if name not in MOTION or name in bounds:
+            raise argparse.ArgumentTypeError(f"found {name!r} in {text!r}, expected each of {', '.join(MOTION)} once")
+        bounds[name] = real("a number, 0 or more", _accepts)(value)
+    return bounds
+
+
+def _accepts(bound: float) -> bool:
+    return bound >= 0.0
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print; exit code 0, or 1 beyond the bound or below the share."""
+    import json
+    from pathlib import Path
+
+    from rb_dynamics.cli import output
+    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
+    from rb_dynamics.report.comparison_text import as_text
+    from rb_dynamics.study.compare import compare
+
+    written = [*filter(None, (args.html, args.rerun))]
+    require_apart(written)
+    for target in written:
+        require_other(target, *filter(None, (args.a, args.b, args.scene)))
+    if args.html:
+        make_folder(Path(args.html))
+    found = compare(
+        args.a,
+        args.b,
+        scene=args.scene,
+        align=args.align,
+        bound=args.bound,
+        share=args.share,
+        start_s=args.from_s,
+        end_s=args.to_s,
+        wrench_start="auto" if args.wrench_start is None else args.wrench_start,
+        mapping=mapping_of(args),
+        topics=topics_of_two(args),
+    )
+    encoding = sys.stdout.encoding or "utf-8"
+    text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found)
+    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    said = sys.stderr if args.json else sys.stdout
+    if args.html:
+        from rb_dynamics.report.comparison_page import comparison_report
+        from rb_dynamics.report.html import write_html
+
+        write_html(args.html, comparison_report(found))
+        print(output.written_page(args.html), file=said)
+    if args.rerun:
+        from rb_dynamics.report.comparison_rerun import write_comparison_recording
+
+        write_comparison_recording(found, args.rerun)
+        print(output.written(args.rerun), file=said)
+    return 0 if found.passed else 1
+
+
+def _align(text: str) -> str | Decimal:
+    if text in ("start", "stamp"):
+        return text
+    real("start, stamp or a number of seconds", lambda value: abs(value) < 2.0**33)(text)
+    # In exact decimals: a float would lose nanoseconds of a wall clock.
+    return Decimal(text)

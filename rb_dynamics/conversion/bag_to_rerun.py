@@ -1,0 +1,124 @@
+"""A bag of another program as a Rerun recording: each topic an entity with its pose in 3D and its numbers as plots."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.conversion.bag_to_table import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
+from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.output_file import make_folder, require_other
+from rb_dynamics.sinks.appearance import BLUE, GREEN, GREY, RED
+from rb_dynamics.sinks.thinning import Polyline
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+PATH_POINTS = 8192
+# Stamps beyond are those of a clock on the wall (1973), and shown as dates.
+_DATES_NS = 10**17
+
+
+def bag_to_rerun(
+    bag: Path, target: Path, topics: Sequence[str] = (), span: Span = ALL, skip: Skip | None = None
+) -> int:
+    """Write the messages of a bag as a Rerun recording; returns their number. `skip`: see `messages_of`.
+
+    Raises:
+        LogError: the bag has nothing to show, or a file cannot be read or written.
+        MissingExtraError: rerun-sdk is not installed.
+    """
+    try:
+        import rerun as rr
+    except ImportError as error:
+        raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
+    require_other(target, bag)
+    make_folder(target)
+    try:
+        target.open("ab").close()
+        stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
+        stream.save(target)
+        stream.send_recording_name(bag.name)
+        recorder = _Recorder(bag, stream)
+        for messages in messages_of(bag, topics, span, skip=skip):
+            recorder.take(messages)
+        recorder.end()
+        stream.flush()
+        stream.disconnect()
+    except (RuntimeError, OSError) as error:
+        raise LogError(
+            f"{target}: cannot be written ({error}); give a path that you may write to, on a disk with room"
+        ) from error
+    return recorder.count
+
+
+class _Recorder:
+    def __init__(self, bag: Path, stream: rr.RecordingStream) -> None:
+        self.bag, self.stream, self.count = bag, stream, 0
+        self.paths: dict[str, Polyline] = {}
+
+    def take(self, messages: Messages) -> None:
+        """Send messages of one topic."""
+        import rerun as rr
+
+        # A name of an entity has no spaces: those of pairs of frames do.
+        entity = rr.new_entity_path([part for part in messages.topic.replace(" ", "/").split("/") if part])
+        if messages.topic not in self.paths:
+            self.paths[messages.topic] = Polyline(PATH_POINTS)
+            self._describe(entity, messages)
+        self.count += len(messages.log_times)
+        columns = [_times("log_time", messages.log_times)]
+        columns += [] if messages.stamps is None else [_times("stamp", messages.stamps)]
+        for quantity, values in messages.values.items():
+            known = np.isfinite(values)
+            if known.all():
+                scalars = rr.Scalars.columns(scalars=values)
+                self.stream.send_columns(f"{entity}/{quantity.name}", columns, scalars, strict=True)
+        if POSITION in messages.values and np.isfinite(messages.values[POSITION]).all():
+            position = messages.values[POSITION]
+            self.paths[messages.topic].extend(position)
+            poses = rr.Transform3D.columns(translation=position, quaternion=messages.values[ORIENTATION])
+            self.stream.send_columns(f"{entity}/body", columns, poses, strict=True)
+
+    def end(self) -> None:
+        """Send the path of each topic that has one, with body axes long enough to be seen beside it."""
+        import rerun as rr
+
+        for topic, path in self.paths.items():
+            points = path.line()
+            if len(points):
+                extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+                entity = rr.new_entity_path([part for part in topic.replace(" ", "/").split("/") if part])
+                line = rr.LineStrips3D([points], colors=[GREY], radii=[-1.5])
+                self.stream.log(f"{entity}/path", line, static=True)
+                self.stream.log(f"{entity}/body", rr.TransformAxes3D(0.1 * extent or 1.0), static=True)
+
+    def _describe(self, entity: str, messages: Messages) -> None:
+        """Send what does not change: names with units, and the origin of the numbers."""
+        import rerun as rr
+
+        frame, child = next(iter(messages.frames), (None, None)) if messages.frames else (None, None)
+        facts = {"source": str(self.bag), "topic": messages.topic, "type": messages.type_name}
+        facts |= {name: text for name, text in (("frame_id", frame), ("child_frame_id", child)) if text}
+        self.stream.log(entity, rr.AnyValues(drop_untyped_nones=True, **facts), static=True)
+        for quantity in messages.values:
+            names, colors = _names(quantity), (RED, GREEN, BLUE, GREY, GREY, GREY)[: len(quantity.axes)]
+            self.stream.log(f"{entity}/{quantity.name}", rr.SeriesLines(names=names, colors=colors), static=True)
+
+
+def _names(quantity: Quantity) -> list[str]:
+    unit = f" [{quantity.unit}]" if quantity.unit else ""
+    return [f"{quantity.name} {axis}".strip() + unit for axis in quantity.axes]
+
+
+def _times(name: str, time_ns: NDArray[np.int64]) -> rr.TimeColumn:
+    import rerun as rr
+
+    if int(time_ns[0]) > _DATES_NS:
+        return rr.TimeColumn(name, timestamp=time_ns.astype("datetime64[ns]"))
+    return rr.TimeColumn(name, duration=time_ns.astype("timedelta64[ns]"))

@@ -1,0 +1,129 @@
+"""What `inspect` says of wheels, actuators and sensors is what the scene gives them, and what the commands asked."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_runs import fly
+
+import rb_dynamics as rb
+from rb_dynamics.analysis.onboard_devices import Onboard
+from rb_dynamics.cli import main
+from rb_dynamics.loads.actuator import Setpoint
+from rb_dynamics.report.html import write_html
+from rb_dynamics.report.run_page import run_report
+from rb_dynamics.report.text import as_text
+
+SCENE = """
+body:
+  mass: 10
+  inertia: {diagonal: [0.2, 0.25, 0.3]}
+  frames: {tilted: {position: [0.1, 0.2, 0.0], orientation: {x: 0.6, y: 0.0, z: 0.0, w: 0.8}}}
+initial: {angular_velocity_body: [0.02, -0.01, 0.03]}
+wrenches: []
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, max_torque: 5.0e-3, max_speed: 60.0}
+  - {type: thruster, name: jet, frame: tilted, force: 0.5, command: on_time, minimum_on: 0.005}
+sensors:
+  - {type: imu, name: imu, frame: tilted, rate: 40, gyro: {noise_density: 1.0e-4, bias: [0.01, 0, 0]}}
+  - {type: star_tracker, name: tracker, frame: tilted, rate: 10, noise: 1.0e-3}
+  - {type: magnetometer, name: mag, frame: tilted, rate: 20, bias: [0, 2.0e-9, 0]}
+  - {type: sun_sensor, name: sun, frame: tilted, rate: 20, direction_world: [1, 2, 0]}
+  - {type: pose, name: camera, frame: tilted, rate: 3, delay: 0.2}
+effects: [{type: magnetic_field, model: uniform, field_world: [0, 1.0e-5, 3.0e-5]}]
+duration: 20
+output_rate: 20
+seed: 4
+"""
+
+COMMANDS = (
+    ("wheel/command", Setpoint(0.004, 1_000_000_000)),
+    ("wheel/command", Setpoint(-0.02, 10_000_000_000)),
+    ("jet/command", Setpoint(0.5, 2_000_000_000)),
+    ("jet/command", Setpoint(0.001, 4_000_000_000)),
+)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fly(tmp_path_factory.mktemp("onboard") / "satellite.mcap", SCENE, COMMANDS).log
+
+
+def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
+    found = rb.inspect(log)
+    (wheel,) = found.summary.onboard.wheels
+    # 0.004 N m take a wheel of 1e-4 kg m^2 to 60 rad/s in 1.5 s, the body 1.5e-2/0.3 rad/s the other way; then, from
+    # 10 s on, -0.005 N m within 2.4 s to -60 rad/s.
+    assert wheel.largest == pytest.approx(60.0)
+    assert wheel.at_limit_s == pytest.approx(20.0 - 2.5 - 2.4, abs=0.2)
+    assert wheel.last == pytest.approx(-60.0)
+    counts = {each.name: (each.commands, each.limited, each.rejected) for each in found.summary.onboard.actuators}
+    assert counts == {"wheel": (2, 1, 0), "jet": (2, 0, 1)}
+    told = " ".join(found.summary.warnings)
+    for words in (
+        "wheel was at its max_speed of 60",
+        "wheel: 1 of 2 commands limited",
+        "jet: 1 of 2 commands rejected",
+    ):
+        assert words in told
+    uses = {topic.name: topic.use for topic in found.summary.topics}
+    assert (uses["/imu"], uses["/jet/command"], uses["/wheels"]) == ("sensor", "command", "wheel speeds")
+
+
+def test_errors_of_sensors_are_those_of_the_scene(log: Path) -> None:
+    found = {(each.name, each.quantity): each for each in rb.inspect(log).summary.onboard.sensors}
+    assert set(found) == {
+        ("imu", "angular_velocity"),
+        ("tracker", "orientation_xyzw"),
+        ("mag", "magnetic_field"),
+        ("sun", "direction"),
+        ("camera", "position_world"),
+        ("camera", "orientation_xyzw"),
+    }
+    gyro, tracker = found["imu", "angular_velocity"], found["tracker", "orientation_xyzw"]
+    assert (gyro.count, gyro.compared) == (801, 401)
+    white = 1e-4 * math.sqrt(40.0)
+    assert np.allclose(gyro.mean, (0.01, 0.0, 0.0), atol=4.0 * white / math.sqrt(401))
+    assert np.allclose(gyro.deviation, white, rtol=0.15)
+    assert np.allclose(tracker.deviation, 1e-3, rtol=0.25)
+    # Without noise the error is the bias, or none, to rounding: frame, lever arm, delay and field are the model's.
+    assert np.allclose(found["mag", "magnetic_field"].errors, (0.0, 2e-9, 0.0), rtol=0.0, atol=1e-19)
+    for exact in (found["sun", "direction"], found["camera", "position_world"], found["camera", "orientation_xyzw"]):
+        assert exact.compared > 10
+        assert np.abs(exact.errors).max() < 1e-14
+
+
+def test_a_window_and_a_target(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = rb.inspect(log, window_s=(5.0, 9.0), target=(0.0, 0.0, 0.0, 1.0))
+    (wheel,) = found.summary.onboard.wheels
+    assert (wheel.time_ns[0], wheel.time_ns[-1], wheel.at_limit_s) == (5_000_000_000, 9_000_000_000, 4.0)
+    assert not found.summary.onboard.actuators
+    attitude = found.track.pose.values[:, 3:] if found.track.pose else np.empty((0, 4))
+    assert found.track.pointing is not None
+    expected = 2.0 * np.arctan2(np.linalg.norm(attitude[:, :3], axis=1), np.abs(attitude[:, 3]))
+    assert np.allclose(found.track.pointing.values, expected, rtol=0.0, atol=1e-15)
+    assert found.as_dict()["onboard"]["wheels"][0]["largest_ns"] == 5_000_000_000
+    assert main(["inspect", str(log), "--target", "0,0,0,1"]) == 0
+    assert "angle from the target [rad]" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["inspect", str(log), "--target", "0,0,0,2"])
+    assert "norm 2, expected a unit quaternion" in capsys.readouterr().err
+
+
+def test_text_and_page_show_them(log: Path, tmp_path: Path) -> None:
+    found = rb.inspect(log, target=(0.0, 0.0, 0.6, 0.8))
+    text = as_text(found.summary)
+    for title in ("REACTION WHEEL", "ACTUATOR", "SENSOR ERROR", "camera, position world [m]"):
+        assert title in text
+    page = tmp_path / "page.html"
+    write_html(page, run_report(found.track, found.summary))
+    html = page.read_text()
+    for title in ("Reaction wheels", "Commands to actuators", "Sensors", "Angle from the target [rad]"):
+        assert title in html
+
+
+def test_a_scene_without_them_has_none(tmp_path: Path) -> None:
+    assert rb.inspect(fly(tmp_path / "plain.mcap").log).summary.onboard == Onboard()

@@ -1,0 +1,225 @@
+"""A twist that contradicts the pose is reported with the convention that reconciles them; balances are not blamed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from noisy_recordings import recording, scene_of
+from tumbling import Tumble, bag_of, checks_of, failing, in_world, spin
+
+from rb_dynamics.analysis.pose_twist_consistency import agreements
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+
+TURNS, MOVES = "angular velocity fits the attitude", "linear velocity fits the position"
+BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))
+
+
+def precessing() -> Tumble:
+    """Return a body whose spin axis is not constant in any axes."""
+    motion = spin(rate=2.0)
+    t = motion.time_ns[:, None] * 1e-9
+    zeros, half = np.zeros_like(t), 0.5 * 1.5 * t
+    turn = np.hstack([zeros, zeros, np.sin(half), np.cos(half)])
+    axis, w = turn[:, :3], turn[:, 3:]
+    other = motion.orientation_xyzw
+    vector = w * other[:, :3] + other[:, 3:] * axis + np.cross(axis, other[:, :3])
+    motion.orientation_xyzw = np.hstack([vector, w * other[:, 3:] - np.sum(axis * other[:, :3], axis=1)[:, None]])
+    motion.rate = motion.rate + rotate_all_inverse(motion.orientation_xyzw, np.tile([0.0, 0.0, 1.5], (len(t), 1)))
+    return motion
+
+
+def body_twist(motion: Tumble) -> Any:
+    return np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+
+
+WRONG: dict[str, tuple[Callable[[Tumble], Any], dict[str, str]]] = {
+    "world axes": (in_world, {TURNS: "read in world axes", MOVES: "read in world axes"}),
+    "opposite sign": (lambda m: -body_twist(m), {TURNS: "with the opposite sign", MOVES: "with the opposite sign"}),
+    "degrees": (
+        lambda m: body_twist(m) * np.repeat([1.0, 180.0 / np.pi], 3),
+        {TURNS: "read in degrees per second"},
+    ),
+    "velocity in world axes": (
+        lambda m: np.hstack([m.velocity, m.rate]),
+        {MOVES: "read in world axes"},
+    ),
+    "converted from degrees twice": (
+        lambda m: body_twist(m) * np.repeat([1.0, np.pi / 180.0], 3),
+        {TURNS: "read multiplied by 180/π"},
+    ),
+    "an axis with the wrong sign": (
+        lambda m: body_twist(m) * np.array([1.0, 1.0, 1.0, 1.0, -1.0, 1.0]),
+        {TURNS: "read with (x, -y, z) for its (x, y, z) it fits to"},
+    ),
+    "axes in another order": (
+        lambda m: body_twist(m)[:, [0, 2, 1, 3, 5, 4]] * np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0]),
+        {TURNS: "read with (x, -z, y) for its (x, y, z)", MOVES: "read with (x, -z, y) for its (x, y, z)"},
+    ),
+    "another spin": (lambda m: body_twist(m)[::-1], {TURNS: "contradict each other by", MOVES: "contradict"}),
+    "it was not filled in": (lambda m: np.zeros((1000, 6)), {TURNS: "always zero", MOVES: "always zero"}),
+}
+
+
+def test_a_twist_that_stands_still_for_a_while_is_told() -> None:
+    """The median over all windows misses it, and the torque it implies would show as a residual."""
+    motion = precessing()
+    rows = body_twist(motion)
+    rows[300:600] = rows[300]
+    detail = failing(bag_of(motion, twist_rows=rows))[TURNS]
+    assert "in 30 % of them they contradict each other" in detail
+    rows[330:600] = body_twist(motion)[330:600]
+    assert TURNS not in failing(bag_of(motion, twist_rows=rows))
+
+
+@pytest.mark.parametrize("lag_ms", [50, -50, 10, 400])
+def test_a_twist_that_lags_the_pose_is_told_with_its_lag(lag_ms: int) -> None:
+    motion = precessing()
+    bag = bag_of(motion, twist=motion.moved(lag_ms * 1_000_000), wrench=True)
+    turning, _ = agreements(read_track(bag))
+    aligned = turning.aligned
+    assert aligned.lag_s == pytest.approx(1e-3 * lag_ms, abs=8.0 * aligned.lag_error_s)
+    assert aligned.lag_error_s < 1e-4
+    assert (aligned.scale, aligned.turn) == (0.0, 0.0)
+    summary = summarize(read_track(bag, BALL))
+    assert summary.residual is None
+    assert not [check.name for check in summary.checks if "balance" in check.name and check.judged]
+    large = abs(lag_ms) > 15
+    words = f"the twist {'lags behind' if lag_ms > 0 else 'is ahead of'} the pose by {abs(lag_ms)}"
+    found = {check.name: check for check in summary.checks}
+    assert found[TURNS].passed == found[MOVES].passed == (not large)
+    assert words in found[TURNS].detail
+    reason = "pose and twist contradict each other" if large else words
+    assert reason in found["inertia explains the motion"].detail
+
+
+@pytest.mark.parametrize(
+    ("of", "factor"), [(slice(0, 1000), 1.2), (slice(500, 1000), 1.2), (slice(0, 300), 180.0 / np.pi)]
+)
+def test_a_twist_of_another_scale_is_told_also_of_a_part(of: slice, factor: float) -> None:
+    motion = precessing()
+    rows = body_twist(motion)
+    rows[of, 3:] *= factor
+    summary = summarize(read_track(bag_of(motion, twist_rows=rows, wrench=True), BALL))
+    assert summary.residual is None
+    detail = {check.name: check.detail for check in summary.checks if not check.passed}[TURNS]
+    whole = of == slice(0, 1000)
+    assert ("the twist has 1.2 ±" if whole else "for a while one of the two stood still, had another scale") in detail
+
+
+def test_a_moment_in_degrees_is_not_taken_for_a_torque() -> None:
+    """A single window is too little for a contradiction, and a torque too much of a conclusion."""
+    motion = precessing()
+    rows = body_twist(motion)
+    rows[910:, 3:] *= 180.0 / np.pi
+    summary = summarize(read_track(bag_of(motion, twist_rows=rows, wrench=True), BALL))
+    assert summary.passed
+    assert summary.residual is None
+    detail = {check.name: check.detail for check in summary.checks}["inertia explains the motion"]
+    assert detail == "not judged; pose and twist contradict each other for a moment"
+
+
+def test_a_twist_in_axes_of_its_own_is_told() -> None:
+    """A misaligned gyro implies a torque that does not exist."""
+    motion = precessing()
+    turn = np.array([[1.0, -0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]) / np.array([[np.hypot(1, 0.1)] * 2 + [1.0]]).T
+    rows = body_twist(motion)
+    turning, _ = agreements(
+        read_track(bag_of(motion, twist_rows=np.hstack([rows[:, :3] @ turn.T, rows[:, 3:] @ turn.T])))
+    )
+    assert turning.contradicts
+    assert turning.aligned.turn == pytest.approx(0.1, abs=2e-3)
+
+
+def test_a_lag_too_small_for_a_contradiction_is_none_where_physics_holds() -> None:
+    motion = spin()
+    summary = summarize(read_track(bag_of(motion, twist=motion.moved(3_000_000), wrench=True), BALL))
+    assert summary.passed
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_with_a_twist_is_told(wrong: str) -> None:
+    motion = precessing()
+    said, expected = WRONG[wrong]
+    found = failing(bag_of(motion, twist_rows=said(motion)))
+    assert {*found} == {*expected}
+    for name, words in expected.items():
+        assert words in found[name]
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ((-1, -2, -3, 4), "read with attitudes from world to body it fits"),
+        ((4, 1, 2, 3), "read with (w, x, y, z) for the (x, y, z, w) of attitudes it fits"),
+        ((4, -1, -2, -3), "read with (w, x, y, z) for the (x, y, z, w) of attitudes from world to body it fits"),
+    ],
+)
+def test_a_quaternion_of_another_convention_is_told(order: tuple[int, ...], words: str) -> None:
+    motion = precessing()
+    rows = body_twist(motion)
+    motion.orientation_xyzw = motion.orientation_xyzw[:, np.abs(order) - 1] * np.sign(order)
+    assert words in failing(bag_of(motion, twist_rows=rows))[TURNS]
+
+
+def test_a_recording_of_a_second_is_judged() -> None:
+    motion = precessing().taken(np.arange(100))
+    assert "in degrees per second" in failing(bag_of(motion, twist_rows=WRONG["degrees"][0](motion)))[TURNS]
+
+
+def test_a_wrong_sign_of_an_axis_about_which_the_body_turns_little_is_told() -> None:
+    """The difference is small beside the whole rate; it used to pass, and no inertia then explained the motion."""
+    motion, axis = spin(rate=2.0), np.array([0.8, 0.08, np.sqrt(1.0 - 0.8**2 - 0.08**2)])
+    half = motion.time_ns[:, None] * 1e-9
+    motion.orientation_xyzw = np.hstack([np.sin(half) * axis, np.cos(half)])
+    motion.rate = np.tile(2.0 * axis, (len(half), 1))
+    rows = body_twist(motion) * np.array([1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
+    assert "contradict each other by 13.5 %" in (told := failing(bag_of(motion, twist_rows=rows))[TURNS])
+    assert "read with (x, -y, z) for its (x, y, z)" in told
+
+
+def test_a_twist_said_to_be_in_world_axes_that_is_not_is_told() -> None:
+    motion = precessing()
+    found = failing(bag_of(motion, twist_frame="world", twist_rows=body_twist(motion)))
+    assert "read in body axes" in found[TURNS]
+    assert "read in body axes" in found[MOVES]
+
+
+def test_physics_is_not_blamed_for_a_contradiction() -> None:
+    motion = precessing()
+    summary = summarize(read_track(bag_of(motion, twist_rows=in_world(motion), wrench=True), BALL))
+    assert summary.residual is None
+    unknown = {check.name: check.detail for check in summary.checks if not check.judged}
+    assert unknown["inertia explains the motion"] == "not judged; pose and twist contradict each other"
+    assert {*unknown} > {f"{name} balance" for name in ("energy", "angular momentum", "linear momentum")}
+    assert {check.name for check in summary.checks if not check.passed} == {TURNS, MOVES}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_jitter_and_other_rates_are_no_contradiction(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    motion = spin(
+        rate=random.uniform(0.0, 5.0),
+        speed=random.uniform(0.0, 2.0),
+        noise=10 ** random.uniform(-5.0, -2.0),
+        stamps=("even", "jitter", "random")[seed % 3],
+        seed=seed,
+    )
+    slow = motion.taken(np.arange(0, 1000, 4))
+    noise = 0.01 * random.standard_normal((1000, 6)) + 0.01
+    fast = {"twist": motion, "twist_rows": body_twist(motion) + noise}
+    for bag in (bag_of(slow, **fast), bag_of(motion, twist=slow), recording(seed).bag):
+        assert not any(each.contradicts or each.aligned.words for each in agreements(read_track(bag)))
+
+
+def test_what_is_too_slow_too_fast_or_of_another_time_is_not_judged() -> None:
+    still = {check.name: check.detail for check in checks_of(bag_of(spin(0.0, 0.0))) if not check.judged}
+    assert {*still} == {TURNS, MOVES}
+    fast = spin(rate=120.0)
+    assert "turns by more than 1 rad" in {c.name: c.detail for c in checks_of(bag_of(fast)) if not c.judged}[TURNS]
+    later = agreements(read_track(bag_of(spin(), twist=spin().moved(20_000_000_000))))
+    assert [each.reason for each in later] == ["/b/pose and /b/twist are not of the same time"] * 2

@@ -1,0 +1,187 @@
+"""The residual of a bag from another program is zero for the right body and identifies it if another one is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from noisy_recordings import scene_of
+from tumbling import Tumble, bag_of
+
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, _possible, residual
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.report.text import residual_sentence
+from rb_dynamics.scene import parse_scene
+
+TRUE = np.array([[0.5, 0.02, -0.01], [0.02, 0.7, 0.03], [-0.01, 0.03, 0.9]])
+OTHER = np.diag([0.5, 0.8, 0.9])
+BODY = "body: {frame: base, mass: 4.0, center_of_mass: [0.1, -0.2, 0.05], inertia: {matrix: MATRIX}}"
+
+
+@pytest.fixture
+def judged(bagger: Any) -> Callable[..., Residual]:
+    """Return a function that records a run as another program would and computes its residual for this inertia."""
+    both = ("/thrust/applied", "/push/applied")
+
+    def judge(flight: Any, inertia: np.ndarray, wrenches: tuple[str, ...] = both, noise: float = 0.0) -> Residual:
+        rows, random = [], np.random.default_rng(1)
+        for sample in flight.samples.samples:
+            q, t = sample.orientation_xyzw, sample.time_ns
+            velocity = rotate_all_inverse(np.array(q), np.array(sample.linear_velocity_world))
+            rate = np.array(sample.angular_velocity_body) + noise * random.standard_normal(3)
+            rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*sample.position_world, *q))))
+            rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
+        log = read_bag(flight.log)
+        for topic in wrenches:
+            for time_ns, wrench in log.wrenches(topic):
+                frame = "base" if wrench.frame_id == "body" else wrench.frame_id
+                values = (time_ns, frame, (*wrench.force, *wrench.torque))
+                rows.append((topic, "geometry_msgs/msg/WrenchStamped", time_ns, values))
+        scene = parse_scene(BODY.replace("MATRIX", str(inertia.tolist())))
+        left = residual(read_track(read_bag(bagger(rows)), scene), 1e-6)
+        assert left is not None
+        return left
+
+    return judge
+
+
+def test_the_body_that_moved_explains_the_motion(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE)
+    assert left.explained
+    assert left.scaled
+    assert left.relative < 1e-8
+    assert left.mass == pytest.approx(4.0, rel=1e-9)
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
+    assert max(left.root_mean_square) < 1e-6
+
+
+def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged: Any) -> None:
+    left = judged(flight, OTHER)
+    assert not left.explained
+    assert left.relative > 1e-5
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
+    assert left.explainable
+    assert "does NOT explain the motion. The best fit, principal moments of " in (said := residual_sentence(left, 0))
+    assert "; identify tells it with its errors." in said
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e-3, 1e3, 1e4])
+def test_an_inertia_in_other_units_is_no_torque_that_nobody_commanded(flight: Any, judged: Any, factor: float) -> None:
+    left = judged(flight, factor * TRUE, noise=1e-5)
+    assert not left.explained
+    assert left.explainable
+    assert left.scaled
+    np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-2)
+    assert "does NOT explain the motion. The best fit, principal moments of " in residual_sentence(left, 0)
+    # Nor does another size excuse a torque.
+    hidden = judged(flight, factor * TRUE, wrenches=("/push/applied",), noise=1e-5)
+    assert not hidden.explainable
+
+
+def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, wrenches=("/push/applied",))
+    assert not left.explained
+    assert not left.explainable
+    found = left.strongest
+    assert (found.start_ns, found.end_ns) == (500_000_000, 700_000_000)
+    np.testing.assert_allclose(found.torque_body, [0.2, -0.1, 0.3], atol=2e-3)
+    assert found.peak == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), rel=1e-2)
+    said = residual_sentence(left, 0)
+    assert "NO inertia explains the motion" in said
+    assert "from t = 0.5 to 0.7 s: (0.2" in said
+    assert "principal moments" not in said
+
+
+def test_a_mass_is_not_told_to_the_noise_where_forces_are_missing() -> None:
+    random = np.random.default_rng(0)
+    given = np.repeat(random.normal(size=(10, 3)), 100, axis=0) * 0.02
+    speed = np.cumsum(given, axis=0) / 4.0 + 1e-3 * random.normal(size=given.shape)
+    stretch = np.zeros(len(given), dtype=np.int_)
+    mass, error = _of_mass(speed, np.cumsum(given, axis=0), stretch)
+    assert mass is not None
+    assert error < 0.01
+    assert mass == pytest.approx(4.0, abs=4.0 * error)
+    told = np.where(np.arange(len(given))[:, None] // 100 % 2, given, 0.0)
+    mass, error = _of_mass(speed, np.cumsum(told, axis=0), stretch)
+    assert mass is None
+    assert 0.1 < error < np.inf
+
+
+def test_a_body_keeps_the_triangle_inequality() -> None:
+    assert _possible(np.diag([1.0, 1.0, 2.0]))
+    assert not _possible(np.diag([0.0276, 0.2366, 0.2952]))
+    assert not _possible(np.diag([-0.1, 1.0, 1.0]))
+
+
+def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:
+    twice = judged(coasting, 2.0 * TRUE)
+    assert twice.explained
+    assert not twice.scaled
+    assert twice.mass is None
+    other = judged(coasting, OTHER)
+    assert not other.explained
+    assert np.trace(other.inertia) == pytest.approx(2.2)
+    assert other.best < 1e-3 * other.relative
+
+
+def test_noise_does_not_condemn_the_right_inertia(flight: Any, judged: Any) -> None:
+    noisy = judged(flight, TRUE, noise=1e-5)
+    assert noisy.explained
+    assert noisy.relative > 1e-6
+    other = judged(flight, OTHER, noise=1e-5)
+    assert not other.explained
+    assert other.explainable
+
+
+def test_what_nobody_recorded_is_the_residual(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, wrenches=())
+    during = (left.time_ns > 1_000_000_000) & (left.time_ns <= 2_240_000_000)
+    np.testing.assert_allclose(left.force_world[during], np.tile([1.0, -2.0, 0.5], (int(during.sum()), 1)), atol=1e-9)
+    np.testing.assert_allclose(left.force_world[left.time_ns > 2_270_000_000], 0.0, atol=1e-9)
+
+
+def test_an_own_log_is_not_judged(flight: Any) -> None:
+    assert residual(read_track(read_bag(flight.log)), 1e-6) is None
+
+
+def on_wheels(noise: float, rate: Callable[[np.ndarray], np.ndarray], wrench: bool) -> Residual:
+    """Return the residual of a robot that drives on the ground and turns about its vertical axis."""
+    random, t = np.random.default_rng(4), np.arange(1500) * 0.02
+    turn = rate(t)
+    yaw = np.concatenate([[0.0], np.cumsum(0.01 * (turn[1:] + turn[:-1]))])
+    flat = np.zeros_like(t)
+    attitude = np.column_stack([flat, flat, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
+    measured = np.column_stack([flat, flat, turn]) + noise * random.standard_normal((1500, 3))
+    motion = Tumble((t * 1e9).astype(np.int64), np.zeros((1500, 3)), attitude, np.zeros((1500, 3)), measured)
+    scene = scene_of(46.0, np.diag([0.6, 1.5, 1.7]), (0.0, 0.0, 0.1))
+    left = residual(read_track(bag_of(motion, wrench=wrench), scene), 1e-6)
+    assert left is not None
+    return left
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("wrench", [True, False])
+def test_a_robot_on_the_ground_tells_of_a_torque_and_nothing_of_its_inertia(noise: float, wrench: bool) -> None:
+    """The best fit was an inertia of zero about the only axis, which leaves nothing."""
+    left = on_wheels(noise, lambda t: 0.5 * np.sin(0.4 * t), wrench)
+    assert left.axis is not None
+    np.testing.assert_allclose(left.axis, [0.0, 0.0, 1.0], atol=1e-3)
+    np.testing.assert_allclose(left.inertia, np.diag([0.6, 1.5, 1.7]), rtol=1e-4, atol=1e-4)
+    assert left.best == pytest.approx(left.relative, rel=1e-3)
+    said = residual_sentence(left, 0)
+    assert f"a torque acted that was not {'commanded' if wrench else 'recorded'}" in said
+    assert (
+        "turns about one axis only, (0, 0, 1) in body axes: without recorded torques, the recording tells nothing"
+        in said
+    )
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_steady_turn_about_one_axis_tells_nothing_of_the_inertia(noise: float) -> None:
+    left = on_wheels(noise, lambda t: np.full_like(t, 0.5), True)
+    assert left.explained
+    assert "any other would do as well" in residual_sentence(left, 0)
