@@ -25,7 +25,7 @@ from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, ne
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic_messages import Times, Topic
-from rb_dynamics.loads.actuator import Setpoint
+from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
@@ -115,7 +115,8 @@ class _Recording:
         origin: of such a log, the bags that its own commands came from: name and time 0 of each.
         driven: of such a log, the channel that each topic of those drove.
         moves: states in it to which the body was moved from outside.
-        drives: it has commands to actuators.
+        drives: topics of commands to the scene's actuators.
+        drives_nothing: topics that look like such commands, but are those of no actuator.
     """
 
     path: Path
@@ -135,6 +136,7 @@ class _Recording:
     driven: dict[str, str] = field(default_factory=dict)
     moves: int = 0
     drives: set[str] = field(default_factory=set)
+    drives_nothing: set[str] = field(default_factory=set)
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
 
@@ -251,6 +253,12 @@ class RecordedWrenches:
             for bag in self._bags
             if bag.ours and bag.moves
         )
+        self.notes += (
+            f"{bag.path}: {', '.join(sorted(bag.drives_nothing))} command{'s' * (len(bag.drives_nothing) == 1)} no "
+            f"actuator of the scene ({', '.join(actuators)}); map with --topic TOPIC=ACTUATOR/command"
+            for bag in self._bags
+            if actuators and bag.drives_nothing
+        )
         for bag in self._bags:
             if bag.lost:
                 _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
@@ -338,6 +346,8 @@ class RecordedWrenches:
                 bag.found[channel.topic] += 0
             if self._drives(channel) is not None:
                 bag.drives.add(channel.topic)
+            elif named_type(channel) == SCALAR and channel.topic.endswith(COMMAND):
+                bag.drives_nothing.add(channel.topic)
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         bag.ours = RUN in source.metadata

@@ -212,6 +212,28 @@ def test_commands_to_actuators_act_when_they_were_recorded_by_the_clock_of_the_s
     assert [(topic, point.value, point.stamp_ns) for topic, point in found.setpoints] == [("w/command", 0.5, expected)]
 
 
+def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: Path) -> None:
+    """A log of a node in a namespace, whose wrenches alone were mapped, flew without its wheels and said nothing."""
+    value = cdr.encode("std_msgs/msg/Float64", (0.5,))
+    rows: list[Row] = [
+        ("/sat/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)),
+        ("/sat/w/command", "std_msgs/msg/Float64", 2 * SECOND, value),
+        ("/sat/energy", "std_msgs/msg/Float64", 2 * SECOND, value),
+    ]
+    path = write_rows(tmp_path / "bag.mcap", rows)
+    mapping = {"/sat/wrench": "wrench"}
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, mapping, actuators=["w/command"])
+    assert found.setpoints == []
+    assert [note for note in found.notes if "actuator" in note] == [
+        f"{path}: /sat/w/command commands no actuator of the scene (w/command); map with --topic TOPIC=ACTUATOR/command"
+    ]
+    both = RecordedWrenches(
+        [path], ["wrench"], 9 * SECOND, {**mapping, "/sat/w/command": "w/command"}, actuators=["w/command"]
+    )
+    assert len(both.setpoints) == 1
+    assert not any("actuator" in note for note in both.notes)
+
+
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.yaml"
