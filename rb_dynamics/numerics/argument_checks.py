@@ -194,6 +194,14 @@ def vectors(value: object, name: str) -> npt.NDArray[Any]:
 
 
 def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
+    # What has been checked before is checked again at every call, and should cost little.
+    if (
+        type(value) is tuple
+        and len(value) == count
+        and {*map(type, value)} == {float}
+        and all(map(math.isfinite, value))
+    ):
+        return [*value]
     # A set has no order, and the keys of a mapping are not components.
     unordered = isinstance(value, (Set, Mapping)) or getattr(value, "ndim", 1) == 0
     listed = list(value) if isinstance(value, Iterable) and not unordered else []
