@@ -29,10 +29,8 @@ def test_the_controller_turns_the_tumbling_body_to_its_target(peer: Peer) -> Non
         odom = peer.listen(Odometry, "odom")
         with subprocess.Popen([sys.executable, ROOT / "examples" / "regulate.py"]) as controller:
             try:
-                peer.until(lambda: bool(odom) and at_rest(odom[-1]), "the body at rest in its target attitude")
-                count = len(odom)
-                peer.until(lambda: len(odom) > count + 50, "the body held there")
-                assert all(map(at_rest, odom[count:]))
+                # It may pass its target first: a machine that is busy is a controller that is late.
+                peer.until(lambda: len(odom) > 50 and all(map(at_rest, odom[-50:])), "the body held in its attitude")
             finally:
                 controller.kill()
         assert node.stop() == 0, node.err
