@@ -54,7 +54,7 @@ _PRICE = 2.0 * PRICE_OF_EFFECTS
 _PHASE = Struct(f"{PHASE}d")
 
 
-class WheelLoad(NamedTuple):
+class CompiledWheelLoad(NamedTuple):
     """A load with states in a kernel.
 
     Attributes:
@@ -74,9 +74,9 @@ class WheelLoad(NamedTuple):
     held: HeldWrench
 
 
-@compiled_by(evaluated, WheelLoad)
+@compiled_by(evaluated, CompiledWheelLoad)
 def evaluated_with_wheels(
-    load: WheelLoad,
+    load: CompiledWheelLoad,
     t: float,
     displacement: Vector,
     velocity: Vector,
@@ -117,10 +117,10 @@ def _gained(c: Numbers, h: float, row: int, k: int) -> float:
     return h * gained
 
 
-def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> WheelLoad:
+def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> CompiledWheelLoad:
     """Return the load of a step from `start`, before its first stage."""
     c[_STAGE] = 0.0
-    return WheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
+    return CompiledWheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
 
 
 def _grow_states(c: Numbers, h: float) -> None:
