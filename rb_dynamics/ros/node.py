@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import time
+from array import array
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -514,7 +515,8 @@ class RigidBodyNode(Node):
             state = changed_state(parameters, self.runner.state)
             if state is not None:
                 self.runner.set_state(state)
-            changes = ", ".join(f"{parameter.name} = {parameter.value}" for parameter in parameters)
+            values = ((each.name, each.value) for each in parameters)
+            changes = ", ".join(f"{name} = {list(to) if isinstance(to, array) else to}" for name, to in values)
             self._health.told(f"parameters set at {self.runner.shown_time}: {changes}")
         except RigidBodyError as error:
             self._health.failed(f"the body is as it was: {error}")

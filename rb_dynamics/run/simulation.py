@@ -400,7 +400,7 @@ class Simulation:
         # One for after the end stays, too: see `hasten`.
         self._channels.take(command, time_ns)
         self._edge_schedule.forget()
-        self.clipped += command.clipped
+        self.clipped += command.clipped and self._before_end(time_ns)
 
     def actuate(self, topic: str, value: float, time_ns: int = 0) -> bool:
         """Let a command to an actuator take effect as `post` does; returns whether its limits reduce it.
@@ -413,11 +413,16 @@ class Simulation:
         value, time_ns = Setpoint(value).value, max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         if self._bank is None:
             raise WrenchError(f"topic is {topic!r}, expected that of an actuator; the scene lists none")
-        if self.end_ns is None or time_ns <= self.end_ns:
+        in_time = self._before_end(time_ns)
+        if in_time:
+            # A rejected one, too: the sinks are told at its time.
             self._bank.post(topic, value, time_ns)
         clipped = self._bank.accept(topic, value)
-        self.clipped += clipped
+        self.clipped += clipped and in_time
         return clipped
+
+    def _before_end(self, time_ns: int) -> bool:
+        return self.end_ns is None or time_ns <= self.end_ns
 
     def set_state(self, change: StateChange) -> None:
         """Move the body to another state at the time of `change`; a time in the past means now.
@@ -429,7 +434,7 @@ class Simulation:
         """
         change = change.at(max(self._computed_ns, change.time_ns))
         _require_finite(self.scene.body, PhaseState.of(self.scene.body, change.state), change.time_ns)
-        if self.end_ns is None or change.time_ns <= self.end_ns:
+        if self._before_end(change.time_ns):
             insort(self._moves, change, key=attrgetter("time_ns"))
 
     def post_batch(self, batch: CommandBatch) -> list[str]:

@@ -476,6 +476,22 @@ def test_what_a_run_returns() -> None:
     assert events[0] == recorder.samples[0]
 
 
+def test_commands_after_the_end_are_not_counted_as_clipped() -> None:
+    text = """\
+body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}
+duration: 1
+wrenches: [{topic: push, max_force: 1.0, on_excess: clip}]
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.1, max_torque: 1.0}]
+"""
+    commands = [("push", Wrench((9.0, 0.0, 0.0), ZERO, "", time_ns)) for time_ns in (SECOND // 2, 2 * SECOND)]
+    assert simulate(parse_scene(text), commands).clipped == 1
+    run = Simulation(parse_scene(text))
+    assert run.actuate("wheel/command", 5.0, 2 * SECOND)
+    assert run.clipped == 0
+    assert run.actuate("wheel/command", 5.0, SECOND)
+    assert run.clipped == 1
+
+
 def test_a_run_without_end_is_not_stopped_for_what_rounding_would_add_in_an_hour() -> None:
     """The node has no end; short strides, due to commands in quick succession, must not stop it."""
     solver = Solver("auto", accuracy=1e-10)

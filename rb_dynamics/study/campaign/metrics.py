@@ -182,6 +182,7 @@ class _Reduction:
 
         self._metric = metric
         self._value: Numbers = np.full(count, math.nan)
+        self._begun = False
 
     def take(self, time_s: float, values: Numbers) -> None:
         """Add the values (N,) at a later time."""
@@ -193,17 +194,23 @@ class _Reduction:
 
 
 class _Worst(_Reduction):
+    """The largest value; NaN if one is NaN, as that one may have been the largest."""
+
     def take(self, time_s: float, values: Numbers) -> None:
         import numpy as np
 
-        self._value = np.fmax(self._value, values)
+        self._value = np.maximum(self._value, values) if self._begun else values
+        self._begun = True
 
 
-class _Least(_Reduction):
+class _Least(_Worst):
+    """The smallest value; NaN if one is NaN."""
+
     def take(self, time_s: float, values: Numbers) -> None:
-        import numpy as np
+        super().take(time_s, -values)
 
-        self._value = np.fmin(self._value, values)
+    def result(self) -> Numbers:
+        return -super().result()
 
 
 class _Mean(_Reduction):

@@ -267,6 +267,22 @@ metrics:
         assert found[name] == pytest.approx([value, value], nan_ok=True, abs=1e-12), name
 
 
+def test_a_quantity_that_is_not_known_everywhere_has_no_largest_value(tmp_path: Path) -> None:
+    """What is NaN for a moment may have been the largest then; the mean is as unknown, the final value is not."""
+    (tmp_path / "partly.py").write_text(
+        "import numpy as np\n\n\ndef quantity(samples):\n"
+        "    known = np.ones(len(samples.kinetic_energy))\n"
+        "    return known * (np.nan if samples.time_ns == 2_000_000_000 else 1.0)\n"
+    )
+    reductions = ("final", "worst", "least", "mean")
+    listed = ", ".join(f"{each}: {{{each}: partly.quantity}}" for each in reductions)
+    text = f"scene: scene.yaml\nset: {{duration: 4}}\nruns: 2\nmetrics: {{{listed}}}\n"
+    found = simulate_block(read_campaign(write(tmp_path, text)), 0, 2)
+    assert found["final"].tolist() == [1.0, 1.0]
+    for reduction in reductions[1:]:
+        assert found[reduction].tolist() == pytest.approx([math.nan, math.nan], nan_ok=True), reduction
+
+
 def test_a_run_that_cannot_be_solved_does_not_stop_the_others(tmp_path: Path) -> None:
     text = """\
 scene: scene.yaml
