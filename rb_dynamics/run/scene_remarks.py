@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from itertools import pairwise
 from statistics import median
+from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import shares
@@ -14,6 +15,9 @@ from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import dot, norm
 from rb_dynamics.run.simulation import Command, Simulation
 from rb_dynamics.scene.model import Scene
+
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.array_types import Numbers
 
 _NEAR = 0.8
 """Part of what a wheel can hold from which it is near its limit."""
@@ -73,14 +77,50 @@ def _wheels_too_full(scene: Scene) -> list[str]:
 
 
 def _sensors_too_slow(scene: Scene) -> list[str]:
-    """Return which sensors are slower than the body turns at first; none if all keep up."""
-    rate = norm(scene.initial.angular_velocity_body)
+    """Return which sensors are slower than the body turns at first, or nutates; none if all keep up."""
+    if not scene.sensors:
+        return []
+    rate, moves, why = norm(scene.initial.angular_velocity_body), "turns", "at its initial rate"
+    if (nutation := _nutation_rate(scene)) > rate:
+        rate, moves, why = nutation, "nutates", "with the momentum of its wheels and rotors"
     return [
-        f"{sensor.name}: the body turns by {rate / sensor.rate:.2g} rad from one message to the next at its initial "
-        "rate, too far for a controller that hears it; raise its rate"
+        f"{sensor.name}: the body {moves} by {rate / sensor.rate:.2g} rad from one message to the next {why}, too far "
+        "for a controller that hears it; raise its rate"
         for sensor in scene.sensors
         if rate > TURN_SEEN * sensor.rate
     ]
+
+
+def _nutation_rate(scene: Scene) -> float:
+    """Return how fast small motion about rest nutates, rad/s; 0 without wheels and rotors that turn."""
+    if not has_momentum_inside(scene):
+        return 0.0
+    import numpy as np
+
+    _, _, turning = gyrostat(scene)
+    return float(np.abs(np.linalg.eigvals(turning)).max())
+
+
+def has_momentum_inside(scene: Scene) -> bool:
+    """Return whether wheels or rotors may turn inside the body."""
+    return bool(scene.wheels) or scene.combined_effects.storing() is not None
+
+
+def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
+    """Return what the body does beside its wheels and rotors, in body axes and as they turn at the start.
+
+    Their momentum h (N m s), the inverse of the inertia that motors turn (without the wheels about their axes), and A
+    of small motion about rest, w' = A w = I^-1 (h x w).
+    """
+    import numpy as np
+
+    whole = rotate_inverse(scene.initial.orientation_xyzw, Simulation(scene).sample.angular_momentum_world)
+    inertia: Numbers = np.array(scene.body.inertia)
+    x, y, z = inside = np.array(whole) - inertia @ np.array(scene.initial.angular_velocity_body)
+    axes = [(wheel.inertia, np.array(wheel.axis) / norm(wheel.axis)) for wheel in scene.wheels]
+    inverse = np.linalg.inv(inertia - sum((j * np.outer(a, a) for j, a in axes), np.zeros((3, 3)))).astype(np.float64)
+    turning: Numbers = inverse @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return inside, inverse, turning
 
 
 def _steps_too_long(scene: Scene) -> list[str]:

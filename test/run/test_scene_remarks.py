@@ -96,3 +96,17 @@ def test_a_wheel_near_its_limit_an_on_time_too_short_and_slow_commands_are_said(
     assert slow in said
     assert "4 of 6 commands were rejected" in said
     assert not rb.simulate(rb.parse_scene(FULL), COMMANDS[1:]).remarks
+
+
+def test_a_sensor_slower_than_the_nutation_is_named() -> None:
+    """Beside 0.4 N m s along z, moments of 0.1 and 0.4 kg m^2 across it nutate at 0.4 / sqrt(0.1 * 0.4) = 2 rad/s."""
+    text = """\
+body: {mass: 10, inertia: {diagonal: [0.1, 0.4, 0.3]}}
+wrenches: []
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-3, speed: 400}]
+sensors: [{type: imu, name: slow, rate: 2}, {type: imu, name: fast, rate: 5}]
+duration: 1
+"""
+    (found,) = scene_remarks(parse_scene(text))
+    assert found.startswith("slow: the body nutates by 1 rad from one message to the next")
+    assert not scene_remarks(parse_scene(text.replace("speed: 400", "speed: 0")))

@@ -20,10 +20,8 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.scene_remarks import TURN_SEEN, scene_remarks
-from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.scene_remarks import TURN_SEEN, gyrostat, has_momentum_inside, scene_remarks
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, values_of
@@ -94,20 +92,14 @@ def _growth(scene: Scene, gains: Sequence[float], period_s: float, delay_s: floa
     """Return by how much small motion of a scene grows per sample, and where: about which axis it is unstable."""
     import numpy as np
 
-    if not scene.wheels and scene.combined_effects.storing() is None:
+    if not has_momentum_inside(scene):
         for moment in sorted(set(scene.body.principal_moments)):
             stiffness, damping = (gain / moment for gain in gains)
             growth = growth_per_sample(stiffness, damping, period_s, delay_s, lag_s)
             if growth > 1.0 + 1e-9:
                 return growth, f"about the axis of {moment:.4g} kg m²"
         return 0.0, ""
-    whole = rotate_inverse(scene.initial.orientation_xyzw, Simulation(scene).sample.angular_momentum_world)
-    inertia = np.array(scene.body.inertia)
-    x, y, z = inside = np.array(whole) - inertia @ np.array(scene.initial.angular_velocity_body)
-    # Their motors turn the body without the wheels.
-    axes = [(wheel.inertia, np.array(wheel.axis) / norm(wheel.axis)) for wheel in scene.wheels]
-    each = np.linalg.inv(inertia - sum((j * np.outer(a, a) for j, a in axes), np.zeros((3, 3))))
-    turning = each @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    inside, each, turning = gyrostat(scene)
     stiff, damped = ((gain * each).astype(np.float64) for gain in gains)
     growth = growth_per_sample(stiff, damped, period_s, delay_s, lag_s, turning)
     return growth, f"beside {np.linalg.norm(inside):.3g} N m s of wheels and rotors"
