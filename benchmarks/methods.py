@@ -138,21 +138,22 @@ ERRORS = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
 
 PAGE = """# Methods: cost over error
 
-The tables show the time in milliseconds, in plain Python, that each method needs for the attitude error (rad) at the
-head of the column, at the end of the run. "-" means that no step measured reaches it. The times were measured on one
-machine by `python benchmarks/methods.py --page docs/methods.md`, so compare them only within a column; compiled code
-has other ratios. Bold: the shortest time of the column, within a tenth. `rb-dynamics trade` measures the same on your
-own scene.
+How long does each method take to reach a given accuracy? The tables show the time of a run in milliseconds, in plain
+Python. The head of each column is the attitude error (rad) at the end of the run. "-" means that no measured step size
+reaches it. Bold marks the shortest time of a column, and times within a tenth of it.
+
+`python benchmarks/methods.py --page docs/methods.md` measured the times on one machine, so compare them only within a
+column; compiled code has other ratios. `rb-dynamics trade` measures the same on your own scene.
 """
 
 LEFT_OUT_TEXT = """
 ## Left out
 
-A family that is nowhere cheaper than the methods of the package is not included. The tables above show these in
-italics: {names} (discrete Moser-Veselov, J. Phys. A 39 (2006) 13225, composed to its order, and Crouch-Grossman, which
-spends a quarter of its time on a stage that it does not need). At best, one of them equals the shortest time of a
-column. The advantage of the Moser-Veselov flow, its cheap step, is used in `dmv82`, `dmv864` and `dmv104`, with the
-stages of the near-integrable schemes.
+The package leaves out families that are nowhere cheaper than its own methods. The tables above show some of them in
+italics: {names}. Those named dmv compose the discrete Moser-Veselov flow (J. Phys. A 39 (2006) 13225) to
+their order; cg3 is Crouch-Grossman, which spends a quarter of its time on a stage that it does not need. The best of
+them just equals the shortest time of a column. The Moser-Veselov flow has one advantage, its cheap step: `dmv82`,
+`dmv864` and `dmv104` combine it with the stages of schemes for near-integrable systems.
 """
 
 

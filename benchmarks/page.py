@@ -218,18 +218,22 @@ def figure(task: Problem, rows: Sequence[Row]) -> Figure:
 
 PAGE = """# Benchmarks
 
-This page compares the package with other programs for the same problems, on the same machine in one run. `make bench`
+This page compares the package with other programs on the same problems, on one machine and in one session. `make bench`
 measures all figures and writes this page.
 
-- **Times** are medians of runs taken in turn (A B C A B C), and ratios are medians of the ratios of each turn. "Times
-  ours" is relative to our fastest way. Times are those of the run alone. Import, set-up and compilation are done once;
-  they are in the last column, together with the first run (after the first time, our kernels are loaded from their
-  cache; see `benchmarks/kernels.py`).
-- **Settings** of each program go from coarse to fine until its attitude has the accuracy wanted. "Not reached" shows
-  the most accurate setting that takes less than 5 s; its times and ratios are therefore lower bounds.
-- **Errors** are relative to the closed form, or to two of our methods that agree within a tenth of the accuracy wanted.
-  The tests check both against 30 digits, and [verification](verification.md) shows their errors. An error of 0 is the
-  closed form compared with itself; the figures show it at 1e-16.
+- **Times** are medians over several turns in which every program runs once (A B C A B C); ratios are medians of the
+-   ratios within each turn. "Times ours" is the ratio to our fastest way. Times are those of the run alone. Import,
+-   set-up and compilation happen once; the last column shows them, together with the first run. Our kernels are
+compiled
+-   only the first time ever, and then loaded from a cache (see `benchmarks/kernels.py`).
+- **Settings** of each program go from coarse to fine until its attitude has the wanted accuracy. "Not reached" means
+-   that none had it: the row shows the most accurate setting that takes less than 5 s, so its times and ratios are
+lower
+-   bounds.
+- **Errors** are relative to the closed form, or to two of our methods that agree within a tenth of the wanted accuracy.
+-   The tests check both against references of 30 digits; [verification](verification.md) shows their errors. An error
+of 0
+-   means that the closed form is compared with itself; the plots show it at 1e-16.
 
 {machine}
 
@@ -237,15 +241,15 @@ measures all figures and writes this page.
 {missing}
 ## Goals
 
-The goals of the project, as ratios of times in one run.
+The goals of the project are ratios of times measured in one session.
 
 {summary}
 ## Where we lose
 
 {losses}
 - Compilation: without numba this package compiles nothing, and a step takes 30 to 100 us. With numba, the very first
-  run of a method is in plain Python while another process compiles, and later ones load that in some milliseconds
-  ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
+-   run of a method is in plain Python while another process compiles; later runs load the machine code in some
+-   milliseconds ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
 - Contact, joints, connected bodies, cameras: MuJoCo, Drake, Basilisk and Pinocchio have some or all of them. This
   package has one free rigid body, with wheels, thrusters, magnetorquers and sensors.
 - Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; this package does not.
@@ -256,10 +260,10 @@ The goals of the project, as ratios of times in one run.
 {sections}
 ## {step_title}
 
-The same step in C (`benchmarks/reference.c`), which also accumulates work and impulse, with the same operations in the
-same order; n steps of 1 ms without returning to Python. Compiled with `{gcc}`;
-{flags}. Contraction and fast-math change the result. Fast-math also removes the compensation of the sums, which
-keeps 1e9 additions accurate.
+The comparison is with the same step in C (`benchmarks/reference.c`): the same operations in the same order, with work
+and impulse accumulated as in ours. Both take n steps of 1 ms without returning to Python. The C code is compiled with
+`{gcc}`; {flags}. Contraction and fast-math change the result. Fast-math also removes the compensation of the sums,
+which keeps 1e9 additions accurate.
 
 {steps}
 ## How each program is used
@@ -276,6 +280,7 @@ keeps 1e9 additions accurate.
   batches.
 - diffrax: for commands, equal steps of Dopri8 in one `scan`; otherwise step control; double precision, CPU.
 - scipy: `solve_ivp` once for each command; an ensemble is one vector.
-- C: "same books" also accumulates work and impulse like our step; "state alone" computes only the state, as one would
-  write it by hand.
+- C: "same books" also accumulates impulse and work, as our step does; "state alone" computes only the state, as one
+would
+-   write it by hand.
 """

@@ -236,44 +236,47 @@ def plot(figure: Figure, place: int, title: str, series: Series, across_: str, u
 
 TEXT = """# What a run costs, and how the cost grows
 
-Written by `python benchmarks/scaling.py` (`make scaling`) on {machine}. Times are
-processor time, best of {repeats}; if other work shares the cores, they are up to twice as long.
+Written by `python benchmarks/scaling.py` (`make scaling`) on {machine}. Times are the best processor time of {repeats}
+runs; other work on the same cores can make them up to twice as long.
 
-![Time over duration, bodies, commands and outputs; peak of memory over duration](images/scaling.svg)
+![Time against duration, bodies, commands and outputs; peak memory against duration](images/scaling.svg)
 
 ## Starting
 
-Wall time: medians of processes run in turn, with cached byte code (`python benchmarks/startup.py`).
+Wall time of a process: medians over several turns of all commands, with cached byte code
+(`python benchmarks/startup.py`).
 
 {starting}
 `simulate config/slew.yaml` includes its 6000 steps of rkmk4.
 
 ## A step in plain Python
 
-The time for each millisecond of simulated time without numba, in steps of 1 ms, and what it leaves of a core at 1 kHz.
-"Alone" computes only the step; "seen" also computes a sample (state, momenta, energy, defects) of every step. The
-wrench is held; for `exact` there is none.
+The time of a step of 1 ms without numba, and how much of a core it leaves free at 1 kHz in real time: for the step
+alone, and with a sample (state, momenta, energy, defects) after each step. A constant wrench acts, except with `exact`,
+which is for free motion.
 
 {steps}
 {bar}
 
 ## Duration
 
-Time of a run over its simulated time in s, without outputs. A closed form costs the same for any time, and each step
-costs the same. `auto` keeps the error at the end of the run, so a longer run also needs more accurate steps.
+Time of a run against its simulated time, without outputs. A closed form takes the same time for any duration; a method
+with steps takes the same time for each step. `auto` bounds the error at the end of the run, so a longer run also needs
+more accurate steps.
 
 {durations}
 ## Bodies
 
-Nanoseconds for one step of one body, over the number of bodies in an `Ensemble`, compiled. rk4 and dlm2 compute several
-bodies side by side in the vector units, dop853 one after the other. Processor time for one thread, wall time for two.
+Nanoseconds for one step of one body against the number of bodies in an `Ensemble`, compiled. rk4 and dlm2 compute
+several bodies at once in the vector units, dop853 one after the other. Processor time for one thread, wall time for
+two.
 
 {bodies}
 ## Commands
 
-Time that held wrenches within 100 s add to the steps, over their number. Each command ends a step, recomputes what the
-method needs for the new load, and is added to the hash of the inputs. Between the last two columns a command costs
-{command}.
+The extra time that held wrenches take, against their number in 100 s. Each command ends a step, makes the method
+recompute what it needs for the new load, and is added to the hash of the inputs. From the difference of the last two
+columns, each further command costs {command}.
 
 {commands}
 Commands from a bag or another iterator are read during the run, at most 1000 ahead of it. A bag is read twice and not
@@ -281,10 +284,10 @@ kept in memory, except for commands that were stamped out of order.
 
 ## Outputs and logs
 
-Time of 10 s of free motion over the number of outputs, for each kind of log:
+Time for 10 s of free motion against the number of outputs, for each kind of log:
 
 {outputs}
-Between the last two columns, an output costs
+From the difference of the last two columns, each further output costs:
 
 {each}
 In MCAP an output is 9 messages, compressed with zstd if that is installed. A Rerun recording keeps at most about 200
@@ -292,15 +295,15 @@ In MCAP an output is 9 messages, compressed with zstd if that is installed. A Re
 
 ## Memory
 
-Peak of the resident size in MB over the simulated time in s, at {rate:g} outputs per second, interpreter and libraries
+Peak of the resident memory in MB against the simulated time, at {rate:g} outputs per second, interpreter and libraries
 included:
 
 {memory}
 A run keeps neither its outputs nor past commands, except for the reasons why commands were rejected. The MCAP writer
 holds a chunk (128 KiB) and, for each chunk written, some 300 bytes for the index at the end. The Rerun writer holds a
 batch of 4096 samples, paths of at most 16 384 points and an index entry for each chunk: 200 000 outputs took 138 MB,
-and 2 million, thinned as they come, 136 MB. `MemorySink` is meant to keep everything. `test/run/test_memory_growth.py`
-checks these statements.
+and 2 million, thinned as they come, 136 MB. A `MemorySink` keeps everything; that is its purpose.
+`test/run/test_memory_growth.py` checks these statements.
 """
 
 
@@ -320,11 +323,11 @@ def page() -> tuple[str, Figure]:
         machine=f"{system}, {os.cpu_count()} x {processor()}, {versions}",
         repeats=REPEATS,
         starting=table(
-            ["command", "time", "import numpy = 1"],
+            ["command", "time", "relative to import numpy"],
             [[f"`{n}`", seconds(t), f"{t / starts[startup.YARDSTICK]:.2f}"] for n, t in starts.items()],
         ),
         steps=table(
-            ["method", "alone", "left of a core", "seen", "left of a core"],
+            ["method", "step", "left of a core", "step and sample", "left of a core"],
             [
                 [name, *(cell for t in both for cell in (f"{t * 1e6:.0f} us", f"{100 * (1 - t / 1e-3):.0f} %"))]
                 for name, both in steps.items()

@@ -1,4 +1,4 @@
-"""What people run, as a whole: `rb-dynamics simulate SCENE --wrench BAG`, with logs, and `replay`; docs/whole-runs.md.
+"""Measure whole commands, `rb-dynamics simulate SCENE --wrench BAG` with logs, and `replay`: docs/whole-runs.md.
 
     python benchmarks/whole_runs.py            # `make bench` runs it too; writes the page
     python benchmarks/whole_runs.py --quick    # a hundredth of the commands, once, and nothing is written
@@ -126,16 +126,16 @@ def page(found: dict[str, list[float]], others: dict[str, float]) -> str:
         "# What a whole run costs\n\n"
         "Written by `python benchmarks/whole_runs.py` (`make bench`) on "
         f"Python {platform.python_version()}, {processor()}, {versions}.\n\n"
-        "Ten thousand pairs of held wrenches in 100 s, attitude to 1e-9 rad, 100 outputs a second, read from a bag. "
-        "Processor time of the whole process: start of Python, imports, scene, bag, motion and logs. Median of "
-        f"{len(found[PLAIN])} turns; the two last rows are one run each. The kernels were compiled before "
-        "(`rb-dynamics compile`), but for the first run ever, which goes on in plain Python while another process "
-        "compiles.\n\n"
+        "A bag has ten thousand pairs of held wrenches in 100 s. They are simulated with 100 outputs a second and an "
+        "attitude accurate to 1e-9 rad. Times are processor times of the whole process: start of Python, imports, "
+        f"scene, bag, motion and logs; medians of {len(found[PLAIN])} turns, except the last two rows: one run each. "
+        "The kernels were compiled beforehand (`rb-dynamics compile`). Only the first run ever has none: it runs in "
+        "plain Python while another process compiles.\n\n"
     )
     text += table(["command", "processor time", "ratio"], rows(found))
     if others:
         listed = ", ".join(f"{name} {1e3 * seconds:.0f} ms" for name, seconds in others.items())
-        text += f"\nThe integration alone, without scene, bag and outputs, takes {listed}.\n"
+        text += f"\nOther programs, for the integration alone, without scene, bag and outputs: {listed}.\n"
     return text
 
 

@@ -1,9 +1,10 @@
-"""Compare a satellite with wheels, torque rods, thruster and gravity gradient with Basilisk: print docs' table.
+"""Compare the motion of a satellite with Basilisk's and print the table of docs/verification.md.
 
     python tools/compare_basilisk.py     # needs bsk, which `make bench` installs
 
-Basilisk takes fixed steps of RK4 and lets a thruster's edges fall inside them. Each case is flown with a step and
-with half of it: what the two differ by is about Basilisk's own error, so it cannot tell ours more closely.
+The satellite has wheels, torque rods, a thruster and the gravity gradient. Basilisk takes fixed steps of RK4, and the
+edges of a pulse fall inside them. Each case is flown twice, with a step and with half of it: the difference is about
+Basilisk's own error, and no comparison with it can be closer.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 class Command(NamedTuple):
-    """What all actuators are told: torques of the wheels (N m), dipole (A m^2) and on-time of the thruster (s)."""
+    """Commands to all actuators: torques of the wheels (N m), dipole (A m^2) and on-time of the thruster (s)."""
 
     torques: tuple[float, ...]
     dipole: float
@@ -285,7 +286,8 @@ def turned(one: End, other: End) -> float:
 
 def rows(cases: Iterable[Case]) -> Iterable[str]:
     """Return the lines of the table."""
-    titles = "flight", "s", "its step, s", "we differ, rad", "half the step, rad", "its two steps, rad", "wheels, rad/s"
+    differences = "difference, rad", "at half the step, rad", "between the two steps, rad", "wheels, rad/s"
+    titles = ("flight", "s", "Basilisk step, s", *differences)
     yield f"| {' | '.join(titles)} |"
     yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for case in cases:

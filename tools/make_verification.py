@@ -626,92 +626,92 @@ def measured_page(long: bool = False) -> tuple[str, dict[str, Figure]]:
 
 PAGE_TEXT = """# Verification
 
-This page shows how accurate the package is, measured with {machine}. The last
-digits of the figures depend on the platform, so one digit is given. `python tools/make_verification.py` makes this page
-and its figures, with the functions of the tests and for every method of `METHODS`. The tests check each claim against
-its bound: see the [last table](#which-test-shows-it). ε is 2⁻⁵² = 2.2e-16, T the kinetic energy, L the angular momentum
-in world axes.
+This page reports the accuracy of the package, measured with {machine}. Figures have one digit, because further
+digits depend on the platform. `python tools/make_verification.py` writes the page and its plots for every method in
+`METHODS`, with the same functions as the tests. The [last table](#the-test-for-each-claim) names the test that checks
+each claim against its bound. ε is 2⁻⁵² = 2.2e-16, T the kinetic energy, and L the angular momentum in world axes.
 
 ## Order
 
-The order of a method is the slope of log error over log step. The table compares the declared order with the measured
-one, for a triaxial body with off-diagonal inertia and its centre of mass off its origin, under force and torque in body
-and in world axes for 2 s, against a reference of 30 digits. The slope uses the six finest steps that are free of
-rounding errors; "-" means that there are fewer than four. Tests accept 0.2 below or above (work may converge faster;
-above order 8, 0.5 below).
+The order of a method is the slope of log(error) against log(step). The table compares the declared order with the
+measured one. The test case is a triaxial body with off-diagonal inertia and its centre of mass away from its origin,
+under force and torque in body and in world axes for 2 s; the reference has 30 digits. The slope is fitted to the six
+finest steps whose error is above round-off; "-" means that there are fewer than four. The tests accept a deviation of
+0.2, above order 8 of 0.5 downwards. Work may converge faster.
 
 {orders}
 ![Error of the attitude over the step, for every method](images/verification-order.svg)
 
-*Grey: the range of rounding errors. `exact` has no step.*
+*Grey: round-off. `exact` is missing because it has no step.*
 
-## What free motion keeps
+## Invariants of free motion
 
 The table shows the largest relative drift over 2000 steps of 0.02 s, for a body that tumbles at 2 rad/s near its middle
-axis. "kept" means that the method declares the quantity an invariant and conserves it to round-off at any step size. A
-quantity that is not kept drifts according to the order of the method, which may be less than rounding errors.
+axis. "kept" means that the method declares the quantity an invariant: it is conserved to round-off at any step size.
+Any other quantity drifts as the order of the method dictates; at a high order this may be less than round-off.
 
-A kept quantity collects one rounding error in each step. If these were random, the drift after n steps would grow as
-n to the 0.5; if they all had the same sign, it would grow as n. The exponent in the table is that of the root mean
-square over four motions, from 30 to 10 000 steps; with so few motions it is accurate to about 0.2. An attitude is
-normalised only if |q| differs from 1 by more than two bits: dividing by |q| in every step would turn L in one
-direction, by some thousandths of ε each time.
+A conserved quantity picks up one rounding error per step. If the errors were random, the drift after n steps would grow
+as n to the 0.5; if they all had the same sign, as n. The table gives the measured exponent, for the root mean square
+over four motions, from 30 to 10 000 steps. With so few motions it is accurate to about 0.2. The attitude quaternion q
+is normalised only if |q| differs from 1 by more than two bits: normalising it in every step would turn L steadily in
+one direction, by some thousandths of ε per step.
 
 {invariants}
-In free motion, these methods take the same steps as `exact`, to the bit: {exactly}.
+In free motion, these methods take bit for bit the same steps as `exact`: {exactly}.
 
 After {count} steps (`--long` measures this, in a quarter of an hour with numba); ε √n is {root}:
 
 {long_drifts}
-A drift that grows like n instead of √n is systematic: `midpoint` gains energy, `midpoint` and `dlm2` change |L|, and
-the closed form turns L by a thousandth of ε a step, though not on other motions (`test_long_drift.py`). T and |L| of
-the closed form have no such drift.
+A drift that grows as n instead of √n is systematic: `midpoint` gains energy, `midpoint` and `dlm2` change |L|, and on
+this motion the closed form turns L by a thousandth of ε per step, though not on others (`test_long_drift.py`). In the
+closed form, T and |L| have no such drift.
 
-![Drift of energy and angular momentum over the number of steps](images/verification-drift.svg)
+![Drift of energy and angular momentum against the number of steps](images/verification-drift.svg)
 
 ## Exact motion
 
-The closed form is compared with a computation in 80 digits, on random motions of each kind of body: spins in any
-direction, on and near each axis, near and on the separatrix, from 1e-12 to 1e6 rad/s, for 1e-3 to 1e9 s. The table
+The closed form is compared with a computation in 80 digits, on random motions of each kind of body. The spins of 1e-12
+to 1e6 rad/s have any direction, or lie on or near an axis or the separatrix; the times are 1e-3 to 1e9 s. The table
 shows the largest error of the attitude in units of ε (1 + |ω| t), and of T and |L| in units of ε. The guaranteed bounds
 are 100, 20 and 20.
 
 {exact}
-![Error of the attitude over the angle turned](images/verification-exact.svg)
+![Error of the attitude against the angle turned](images/verification-exact.svg)
 
-Cases in which a product in the formulas underflows or overflows, or two moments are almost equal; in the same units:
+The next table, in the same units, has cases in which a product in the formulas underflows or overflows, or in which two
+moments are almost equal:
 
 {underflows}
 ## References to 30 digits
 
-The references were computed by Taylor series in mpmath, from different equations than the package's
-(`test/verification/make_reference.py`). Errors of the driven body after 1 s, in SI units. The step h is chosen so that
-h to the power of the order is 1e-12, but is at least 1 ms:
+The references were computed with Taylor series in mpmath, from other equations than those of the package
+(`test/verification/make_reference.py`). The table shows the errors of the driven body after 1 s, in SI units. The step
+h of a method of order p is chosen such that h^p = 1e-12, but is at least 1 ms:
 
 {references}
-Free bodies, compared with 34 digits. At 1e6 s, rounding the initial angular velocity to double precision alone changes
-the attitude by 1e-10 rad or more:
+Free bodies are compared with a reference of 34 digits. Over 1e6 s, merely rounding the initial angular velocity to
+double precision changes the attitude by 1e-10 rad or more:
 
 {closed}
 ## Ten thousand wrenches
 
-A wrench in body axes and one in world axes, each with force and torque, both change every 0.01 s for 100 s. With
+One wrench in body axes and one in world axes, each with force and torque, change every 0.01 s for 100 s. With
 `solver: {{method: auto, accuracy: 1e-11}}` the run takes {wrench_run}. The reference was computed as follows: {how}.
 
 {wrenches}
-Bounds of the test, in the order of the columns: {wrench_bounds}.
+The test's bounds, in the order of the columns: {wrench_bounds}.
 
 ## Other simulators
 
-The package is compared with simulators that were written for the tests or recorded. They share no code with it: no
-rotations, no principal axes, no wrench rule. The table shows the largest difference over the run; that of the first row
-is the error of its DOP853.
+The package is compared with two simulators written for the tests and with a recording of a third. They share no code
+with it: no rotations, no principal axes, no wrench rule. The table shows the largest difference over the run. In the
+first row, that difference is the error of the other simulator's DOP853.
 
 {simulators}
-Four flight simulators of NASA's check cases flew a brick that tumbles without any moment (case 2 of
-NASA/TM-2015-218675, histories as distributed with `nasa/simupy-flight`). `tools/compare_tumbling_brick.py FOLDER` runs
-the brick from the first sample of each history and compares the two with `compare`; the histories are not in this
-repository.
+NASA's check cases include a brick that tumbles free of torque (case 2 of NASA/TM-2015-218675), as flown by four flight
+simulators. `tools/compare_tumbling_brick.py FOLDER` runs the brick from the first sample of each of the four
+histories and compares the two motions with `compare`. The histories are distributed with `nasa/simupy-flight`; they are
+not in this repository.
 
 | simulator | largest difference of the rate, °/s | relative to 37 °/s | attitude, rad | drift of the size of L |
 | --- | ---: | ---: | ---: | ---: |
@@ -720,18 +720,19 @@ repository.
 | 04 | 4e-10 | 1e-11 | 1e-6 | 2e-12 |
 | 06 | 5e-3 | 1e-4 | 2e-4 | 8e-10 |
 
-Simulators 01 and 04 are right to eleven digits of the rate, 02 and 06 to four. Simulator 06 conserves the angular
-momentum four thousand times better than 02 and is further off: what is conserved says little about what is right. The
-angles are against the local level, which turns with the Earth; that turn is taken out, but not the drift of the falling
-brick to the east, which is the 1e-6 rad of 01 and 04.
+In simulators 01 and 04 the rate is correct to eleven digits, in 02 and 06 to four. Simulator 06 conserves the angular
+momentum four thousand times better than 02, yet its rate is further off: conservation says little about accuracy. The
+recorded angles refer to the local horizon, which turns with the Earth. The comparison removes that turn, but not the
+eastward drift of the falling brick, which causes the 1e-6 rad of 01 and 04.
 
-Basilisk flew a 6U satellite with what `actuators` has: wheels at 100 rad/s, with and without Coulomb and viscous
-friction and imbalance (`JitterSimple`), a torque rod, a thruster, the gravity gradient. `tools/compare_basilisk.py`
-flies each case with a step of its RK4 and with half of it; what the two differ by is about its own error. We differ
-from the finer one by less, except with the thruster: its edges cost RK4 the order, and Basilisk the digits. Ours fall
-on their nanosecond, and the impulse is exact ([test](../test/loads/test_actuators.py)).
+Basilisk flew a 6U satellite with the devices of `actuators`: wheels at 100 rad/s, with and without Coulomb and viscous
+friction and imbalance (`JitterSimple`), a torque rod, a thruster; and with the gravity gradient.
+`tools/compare_basilisk.py` flies each case twice with Basilisk's RK4, with a step and with half of it. The difference
+between the two is about the error of the longer step. This package differs from the run with half the step by less,
+except with the thruster: RK4 loses its order where a pulse begins or ends within a step. Here the edges of a pulse fall
+on their exact nanosecond, and the impulse is exact ([test](../test/loads/test_actuators.py)).
 
-| flight | s | its step, s | we differ, rad | half the step, rad | its two steps, rad | wheels, rad/s |
+| flight | s | Basilisk step, s | difference, rad | at half the step, rad | between the two steps, rad | wheels, rad/s |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 | free wheels at 100 rad/s | 100 | 0.1 | 5e-09 | 3e-10 | 5e-09 | 5e-11 |
 | wheels under 10 torques each | 100 | 0.1 | 3e-09 | 2e-10 | 3e-09 | 5e-11 |
@@ -744,15 +745,15 @@ on their nanosecond, and the impulse is exact ([test](../test/loads/test_actuato
 
 ## Extremes
 
-At the extremes of the input range, every answer is either within its bound or a `ConvergenceError` or `BodyError` that
-names the remedy. There is never a NaN and never an exception from the mathematics. The bounds are in the last table.
+At the extremes of the input range, a result is either within its bound, or a `ConvergenceError` or `BodyError` that
+names the remedy. There is never a NaN, and never an exception raised by the arithmetic. The last table has the bounds.
 
-The next table shows what each method does with ten free steps of more than half a turn each: the error of the attitude
-in rad. The closed form and the methods built on it are as accurate as with small steps. The others refuse the step, or
-give the large error of a step that does not resolve the motion.
+The next table shows the error of the attitude, in rad, after ten steps of free motion of more than half a turn each.
+The closed form and the methods built on it are as accurate as with small steps. The others refuse the step, or have the
+large error of a step that does not resolve the motion.
 
 {turns}
-## Which test shows it
+## The test for each claim
 
 To run a test: `python -m pytest PATH`.
 

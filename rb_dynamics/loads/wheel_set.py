@@ -5,8 +5,8 @@ commanded speed by the drive. A wheel changes between the two only at certain ti
 the engine finds these times (`switching`) and ends a step there.
 
 The states of a run are one momentum about its axis for each wheel, H = J (W + a . w), then the work of the motors and
-the heat of friction (J), and, for the books, what the inner torque adds to those of the body: work (J) and impulse
-(N m s, world axes). Behind them comes the angle (rad) of each wheel that has an imbalance.
+the heat of friction (J), and what the inner torque adds to the work (J) and the impulse (N m s, world axes). Behind
+them comes the angle (rad) of each wheel that has an imbalance.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # The volume that axes must span, of 1 for three that are perpendicular.
 _FLAT = 1e-6
 
-_BOOKS = 6
+_ACCUMULATED = 6
 """States behind the momenta: motor work, friction heat, work and impulse of the inner torque."""
 
 # What `inner_torque` reads: how many wheels there are, and row by row the inverse of the inertia without the free ones;
@@ -113,7 +113,7 @@ class WheelSet:
     def begin(self, omega: Vector) -> tuple[float, ...]:
         """Return the states at the start, while the body turns with `omega` (principal axes)."""
         momenta = [w.inertia * (w.speed + dot(a, omega)) for w, a in zip(self.wheels, self._axes, strict=True)]
-        return (*momenta, *(0.0,) * _BOOKS, *(self.wheels[each.wheel].phase for each in self.imbalances))
+        return (*momenta, *(0.0,) * _ACCUMULATED, *(self.wheels[each.wheel].phase for each in self.imbalances))
 
     def command(self, k: int, value: float, speed: float) -> None:
         """Apply the command of wheel k, which turns with `speed`; `settle` then decides whether it is held."""
@@ -144,7 +144,7 @@ class WheelSet:
     def booked(self, states: Sequence[float]) -> tuple[float, float, float, Vector]:
         """Return work of the motors, heat of friction, and what the inner torque added to work and impulse."""
         count = len(self.wheels)
-        motor, heat, work, x, y, z = states[count : count + _BOOKS]
+        motor, heat, work, x, y, z = states[count : count + _ACCUMULATED]
         return motor, heat, work, (x, y, z)
 
     def moved(
@@ -202,7 +202,7 @@ class WheelSet:
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]
     ) -> tuple[Vector, tuple[float, ...]]:
         """Return the inner torque on the body (principal axes), and the rates of the states, under `torque`."""
-        numbers, count = self.numbers, len(self.wheels) + _BOOKS
+        numbers, count = self.numbers, len(self.wheels) + _ACCUMULATED
         c: Any = [*numbers, *states[:count], *states[:count]]
         inner = inner_torque(c, 0, len(numbers), self._moments, torque, orientation, omega)
         turning = () if not self.imbalances else self.speeds(omega, states)
@@ -236,7 +236,7 @@ class WheelSet:
 
     def _angles(self, states: Sequence[float]) -> Sequence[float]:
         """Return the angles (rad) of the wheels that have an imbalance."""
-        return states[len(self.wheels) + _BOOKS :]
+        return states[len(self.wheels) + _ACCUMULATED :]
 
     def _points(self, k: int) -> tuple[float, ...]:
         """Return the speeds at which a wheel may stay."""
@@ -336,7 +336,7 @@ def length_of(c: Numbers, i: int) -> int:
 
 def states_of(c: Numbers | Sequence[float], i: int) -> int:
     """Return how many states the wheels have whose numbers begin at i."""
-    return int(c[i]) + _BOOKS
+    return int(c[i]) + _ACCUMULATED
 
 
 def inner_torque(
@@ -350,7 +350,7 @@ def inner_torque(
     for k in range(n):
         j, axis = c[i + _BEFORE + k * _EACH], _axis_of(c, i, k)
         carried = add_scaled(carried, j * _speed_of(c, i, s, k, omega), axis)
-    inner, r = cross(carried, omega), s + n + _BOOKS
+    inner, r = cross(carried, omega), s + n + _ACCUMULATED
     motor = heat = power = 0.0
     for k in range(n):
         a, axis, speed = i + _BEFORE + k * _EACH, _axis_of(c, i, k), _speed_of(c, i, s, k, omega)

@@ -121,7 +121,7 @@ def step(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> Increment:
-    """Advance (q, omega, v, x) and the books by DOP853 and normalise q (Hairer, Norsett & Wanner I, section II.5).
+    """Advance (q, omega, v, x), impulses and work by DOP853 and normalise q (Hairer, Norsett & Wanner I, section II.5).
 
     Order 8, under any load too; has no invariants beyond its accuracy.
 

@@ -32,7 +32,7 @@ def step(
     angular_velocity: Vector,
     load: Load | None = None,
 ) -> Increment:
-    """Advance (q, omega, v, x) and the books by the formula of order 6 and normalise q.
+    """Advance (q, omega, v, x), impulses and work by the formula of order 6 and normalise q.
 
     Verner, SIAM J. Numer. Anal. 15 (1978) 772; Hairer, Norsett & Wanner I, table II.5.4. Order 6, under any load too;
     has no invariants beyond its accuracy.

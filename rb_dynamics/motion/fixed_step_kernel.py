@@ -106,7 +106,7 @@ def run(
     low: Sums,
     effects: Any = (),
 ) -> tuple[Quaternion, Vector, Sums, Sums]:
-    """Return attitude, angular velocity, books (see `PhaseState`) after n steps of h s under `held`; principal axes.
+    """Return attitude, angular velocity, sums (see `PhaseState`) after n steps of h s under `held`; principal axes.
 
     `effects` are the numbers that `_load` reads.
 

@@ -101,7 +101,8 @@ class Simulation:
         clipped: number of commands reduced by the limits of their channel.
         taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
             them.
-        continues: whether the run continues that in `scene.past`, with its bits and books. It does not if that run
+        continues: whether the run continues that in `scene.past`, with its bits, impulses and work. It does not if that
+        run
             does not come to the scene's initial state, to the bit, such as with another body.
     """
 

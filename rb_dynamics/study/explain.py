@@ -59,15 +59,15 @@ NOT_MODELLED = (
     "contact, collision, friction",
     "joints, several bodies that act on each other",
     "flexible parts, slosh, cables",
-    "mass that leaves: propellant, staging",
+    "changing mass: propellant, staging",
     "magnetic fields other than a uniform one, a fixed dipole and the main field of the Earth (IGRF)",
     "free surfaces, waves, added mass",
     "atmosphere models, aerodynamic tables, solar pressure",
-    "harmonics, third bodies, ephemerides",
+    "gravity harmonics, third bodies, ephemerides",
     "a moving or rotating world frame",
     "cameras, range sensors",
-    "imbalance coupled to the turning of its wheel, gimbals of wheels",
-    "relativity, radiation of momentum",
+    "imbalance coupled to the turning of its wheel, gimballed wheels",
+    "relativity, recoil of emitted radiation",
 )
 """What no scene can describe; docs/limits.md names alternatives."""
 

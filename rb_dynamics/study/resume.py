@@ -105,7 +105,7 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
             raise
     notes.append(
         f"{len(received)} commands before it are too many for a scene: it takes the last ones along, and begins with "
-        "the state of the run and what was held, but method and books begin anew, so that later bits differ"
+        "the state of the run and the held wrenches, but starts the method, impulses and work anew; later bits differ"
     )
     if any(channel.lag for channel in scene.channels):
         notes.append("what follows its commands with a lag does so from those that are kept")

@@ -32,7 +32,7 @@ def section(page: str, title: str) -> str:
     ("title", "methods"),
     [
         ("Order", STEPPED),
-        ("What free motion keeps", METHODS),
+        ("Invariants of free motion", METHODS),
         ("References to 30 digits", METHODS),
         ("Extremes", METHODS),
     ],
@@ -58,7 +58,7 @@ def test_every_test_on_the_page_exists(page: str, root: Path) -> None:
 
 
 def test_the_claims_are_those_of_the_generator(page: str, generator: ModuleType) -> None:
-    shown = section(page, "Which test shows it")
+    shown = section(page, "The test for each claim")
 
     for claim, path in generator.CLAIMS:
         assert f"| {claim.replace('|', chr(92) + '|')} | `{path}` |" in shown
@@ -80,7 +80,7 @@ def test_tables_have_the_same_number_of_cells_in_every_row(page: str) -> None:
 
 def test_no_measured_drift_on_the_page_is_large(page: str) -> None:
     """For declared invariants, since the page must not publish a defect."""
-    rows = re.findall(r"^\| `\w+` \|(.*)\|$", section(page, "What free motion keeps"), re.MULTILINE)
+    rows = re.findall(r"^\| `\w+` \|(.*)\|$", section(page, "Invariants of free motion"), re.MULTILINE)
     kept = [float(value) for row in rows for value in re.findall(r"kept \| (\S+)", row)]
 
     assert len(kept) > 20
@@ -94,7 +94,7 @@ class TestTheLongDrift:
         kept = generator.kept_drifts(page)
 
         assert kept.count("\n") == 2 + len(generator.long_runners())
-        assert f"\n{kept}\n" in section(page, "What free motion keeps")
+        assert f"\n{kept}\n" in section(page, "Invariants of free motion")
         assert "After 1e9 steps (" in page
 
     def test_of_other_methods_is_not_kept(self, page: str, generator: ModuleType) -> None:
