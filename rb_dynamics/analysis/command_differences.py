@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from rb_dynamics.analysis.own_log_consistency import topic_in_log
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import RecordedWrench, Times, Track
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
 
@@ -75,15 +78,30 @@ def command_differences(
             return None, told
         if np.isfinite(alignment.uncertainty_s):
             tolerance_ns = round(2e9 * alignment.uncertainty_s)
-    compared = (_compared(name, x, y, alignment.offset_ns, span_ns, tolerance_ns) for name, x, y in pairs)
-    found = [each for each in compared if each is not None]
+    sampled = _sampled(a) | _sampled(b)
+    found, uncompared = [], []
+    for name, x, y in pairs:
+        times = None
+        # One on which nothing ever acted says so at all times.
+        if x and y and len(x.time_ns) and len(y.time_ns) and sampled & {x.topic, y.topic}:
+            times = _common_times(x, y, alignment.offset_ns, span_ns)
+            if tolerance_ns or not len(times):
+                uncompared.append(name)
+                continue
+        compared = _compared(name, x, y, alignment.offset_ns, span_ns, tolerance_ns, times)
+        found += [compared] if compared is not None else []
+    if uncompared:
+        told.append(
+            f"Commands on {', '.join(uncompared)} are not compared: what acted followed them with a lag, and the two "
+            "recordings do not say what acted at the same times."
+        )
     unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
     if unknown:
         told.append(
             f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
             "no usable numbers; --scene SCENE says what frames are."
         )
-    return found if found or not unknown else None, told
+    return found if found or not (unknown or uncompared) else None, told
 
 
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
@@ -94,6 +112,23 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     return {channels.get(name, name): steps for name, steps in zip(names, track.acting, strict=True)}
 
 
+def _sampled(track: Track) -> set[str]:
+    """Return the topics of a log on which wrenches change gradually: each row holds for its own time only."""
+    scene = logged_scene(track.bag.attachments) if track.own else None
+    if scene is None:
+        return set()
+    names = [channel.topic for channel in scene.channels if channel.lag]
+    names += [each.name for each in scene.actuators if isinstance(each, Thruster) and (each.rise or each.fall)]
+    return {topic_in_log(track, name + APPLIED) for name in names}
+
+
+def _common_times(a: RecordedWrench, b: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> Times:
+    """Return the times within `span_ns` at which both say what acted, by the clock of A."""
+    times = np.intersect1d(a.time_ns, b.time_ns - offset_ns)
+    acted = a.topic.endswith(APPLIED) and b.topic.endswith(APPLIED)
+    return times[(times >= span_ns[0]) & (times < span_ns[1]) & acted]
+
+
 def _compared(
     name: str,
     a: RecordedWrench | None,
@@ -101,7 +136,9 @@ def _compared(
     offset_ns: int,
     span_ns: tuple[int, int],
     tolerance_ns: int,
+    only: Times | None = None,
 ) -> CommandDifference | None:
+    """Return how two channels differ within `span_ns`, at all times or `only` at some; None if they do not."""
     begin, end = span_ns
     # A command at the very end has no time to act.
     times = [np.array([begin], dtype=np.int64)]
@@ -114,7 +151,7 @@ def _compared(
         at = at[(at >= begin) & (at < end)]
         counts[side] = len(at)
         times.append(at)
-    at = np.unique(np.concatenate(times))
+    at = np.unique(np.concatenate(times)) if only is None else only
     (force_a, torque_a, world_a, known_a), (force_b, torque_b, world_b, known_b) = (
         _held(a, at, 0),
         _held(b, at, offset_ns),

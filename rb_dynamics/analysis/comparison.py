@@ -62,6 +62,7 @@ class Difference:
         second: values of B.
         size: magnitude of the differences; of attitudes the angle (rad).
         first_ns: earliest time at which they differ by as much as a bit; None if they do not.
+        first_recorded_ns: the same of the times at which both have a sample.
         interpolated: at how many of the times one of the two is interpolated.
         interpolation: about the largest error that this makes; 0 if nothing is interpolated.
         recorded: the samples of A and of B in the time that both cover, by the clock of A, each with its own gaps.
@@ -74,6 +75,7 @@ class Difference:
     second: Array
     size: Array
     first_ns: int | None
+    first_recorded_ns: int | None
     interpolated: int
     interpolation: float
     recorded: tuple[Signal, Signal]
@@ -315,11 +317,16 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         first,
         second,
         size,
-        int(times[other.argmax()]) if other.any() else None,
+        _first(times, other),
+        _first(times, other & ~interpolated),
         int(interpolated.sum()),
         fine.interpolation_error() if interpolated.any() else 0.0,
         (a.within(begin, end), b.within(begin, end)),
     )
+
+
+def _first(times: Times, marked: NDArray[np.bool_]) -> int | None:
+    return int(times[marked.argmax()]) if marked.any() else None
 
 
 def _compared(common: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -579,7 +586,8 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
         if good and attitude.rms > max(1e-12, 4.0 * attitude.interpolation):
             axes = min(good, key=lambda name: good[name][2])
             vector, angle, rest = good[axes]
-            direction = ", ".join(f"{part:.4g}" for part in vector / angle)
+            # Adding 0 makes -0 a 0.
+            direction = ", ".join(f"{part:g}" for part in np.round(vector / angle, 4) + 0.0)
             either = "; so are the axes of the other kind, as the body hardly turns" if len(good) > 1 else ""
             told.append(
                 f"The {axes} axes of B are turned against those of A by {angle:.6g} rad ({math.degrees(angle):.4g} "

@@ -71,14 +71,14 @@ def self_consistency(track: Track) -> list[Check]:
     return [check for check in found if check is not None]
 
 
-def _named(track: Track, name: str) -> str:
+def topic_in_log(track: Track, name: str) -> str:
     """Return what the topic `name` of the scene is called in the log."""
     return track.bag.metadata.get(TOPICS, {}).get(name, name if name.startswith("/") else f"/{name}")
 
 
 def _topic(track: Track, name: str) -> Topic | None:
     """Return the topic `name` of the scene; None without messages."""
-    found = track.bag.topics.get(_named(track, name))
+    found = track.bag.topics.get(topic_in_log(track, name))
     return found if found is not None and found.count else None
 
 
@@ -228,7 +228,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         sources.append((name, 0, given, None))
     check, count = "applied wrenches fit the commands", 0
     for name, timeout_ns, expected, since in sources:
-        steps = logged.get(_named(track, name + APPLIED))
+        steps = logged.get(topic_in_log(track, name + APPLIED))
         if steps is None:
             continue
         count += len(steps.time_ns)
@@ -362,7 +362,7 @@ class _FitsScene:
         return ""
 
     def _topics(self) -> str:
-        expected = {_named(self.track, name) for name, *_ in log_topics(self.scene, False)}
+        expected = {topic_in_log(self.track, name) for name, *_ in log_topics(self.scene, False)}
         lacking = sorted(expected - self.track.bag.topics.keys())
         if not lacking or not self.track.bag.complete:
             return ""
@@ -370,7 +370,7 @@ class _FitsScene:
 
     def _times(self) -> str:
         bag = self.track.bag
-        topics = [bag.topics.get(_named(self.track, name)) for name, _ in sample_topics(self.scene, False)]
+        topics = [bag.topics.get(topic_in_log(self.track, name)) for name, _ in sample_topics(self.scene, False)]
         pose, *others = topics
         if pose is None:
             return ""

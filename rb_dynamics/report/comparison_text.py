@@ -151,6 +151,10 @@ def verdict(found: Comparison) -> str:
     first = found.first_ns
     if first is None:
         bits = f"the same to the last bit at every sample compared ({found.samples})"
+    elif all(each.first_recorded_ns is None for each in _motion(found)):
+        larger = [each.name for each in _motion(found) if each.max > each.interpolation]
+        size = f"by more than interpolation adds in {_each(larger)}" if larger else "by no more than interpolation adds"
+        bits = f"the motions differ at interpolated samples only, {size}"
     else:
         bits = f"the motions differ from t = {found.seconds(first):.9g} s on"
     limits = found.limits
@@ -166,6 +170,10 @@ def verdict(found: Comparison) -> str:
     missing = _each(name for name in found.beyond if name not in found.differences)
     judged = f"; BEYOND {_most(found)}: {_each(beyond)}" if beyond else ""
     return bits + judged + (f"; CANNOT JUDGE what is not in both: {missing}" if missing else "")
+
+
+def _motion(found: Comparison) -> list[Difference]:
+    return [each for name, each in found.differences.items() if name in MOTION]
 
 
 def _each(names: Iterable[str]) -> str:
