@@ -1,4 +1,4 @@
-"""What is wrong with a scene or its commands, in full sentences: for `explain` and for the log of a run."""
+"""Warnings about a scene or its commands, in full sentences: for `explain` and for the log of a run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
 _NEAR = 0.8
-"""Part of what a wheel can hold from which it is near its limit."""
+"""Fraction of the momentum that a wheel can hold from which it counts as near its limit."""
 
 TURN_SEEN = 0.5
-"""Angle between samples (rad) beyond which a controller does not see how the body turns."""
+"""Angle between samples (rad) beyond which a controller cannot follow the body."""
 
 STREAM = 5
-"""At least this many commands of a topic are a stream."""
+"""Least number of commands of a topic that count as a stream."""
 
 
 def scene_remarks(scene: Scene) -> list[str]:
@@ -57,11 +57,11 @@ def too_slow(topic: str, turn: float) -> str:
 
 
 def _wheels_too_full(scene: Scene) -> list[str]:
-    """Return which wheels cannot hold the momentum of the body and would saturate; none if they can."""
+    """Return which wheels would saturate, or nearly so, if they brought the body to rest."""
     rows = shares([wheel.axis for wheel in scene.wheels])
     if rows is None:
         return []
-    # About the centre of mass, body axes; a wheel turns with the body, and by itself.
+    # About the centre of mass, body axes.
     momentum = Simulation(scene).sample.angular_momentum_world
     momentum = rotate_inverse(scene.initial.orientation_xyzw, momentum)
     found = []
@@ -70,14 +70,14 @@ def _wheels_too_full(scene: Scene) -> list[str]:
         if share > _NEAR * held:
             found.append(
                 f"{wheel.name} holds {held:.3g} N m s at its max_speed, and would have to hold {share:.3g} N m s for "
-                f"the wheels to bring the body to rest: it {'saturates' if share > held else 'comes near that'}; take "
-                "momentum out otherwise, or allow it more speed"
+                f"the wheels to bring the body to rest: it {'saturates' if share > held else 'comes near that'}; "
+                "unload momentum by other means, or raise max_speed"
             )
     return found
 
 
 def _sensors_too_slow(scene: Scene) -> list[str]:
-    """Return which sensors are slower than the body turns at first, or nutates; none if all keep up."""
+    """Return which sensors are too slow for the initial rate or the nutation of the body; none if all keep up."""
     if not scene.sensors:
         return []
     rate, moves, why = norm(scene.initial.angular_velocity_body), "turns", "at its initial rate"
@@ -85,7 +85,7 @@ def _sensors_too_slow(scene: Scene) -> list[str]:
         rate, moves, why = nutation, "nutates", "with the momentum of its wheels and rotors"
     return [
         f"{sensor.name}: the body {moves} by {rate / sensor.rate:.2g} rad from one message to the next {why}, too far "
-        "for a controller that hears it; raise its rate"
+        "for a controller to follow; raise the sensor's rate"
         for sensor in scene.sensors
         if rate > TURN_SEEN * sensor.rate
     ]
@@ -107,10 +107,10 @@ def has_momentum_inside(scene: Scene) -> bool:
 
 
 def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
-    """Return what the body does beside its wheels and rotors, in body axes and as they turn at the start.
+    """Return the linear model of a body with wheels and rotors, in body axes and with their speeds at the start.
 
-    Their momentum h (N m s), the inverse of the inertia that motors turn (without the wheels about their axes), and A
-    of small motion about rest, w' = A w = I^-1 (h x w).
+    The momentum h of the wheels and rotors (N m s), the inverse of the inertia without the wheels about their axes, and
+    A of small motion about rest, w' = A w = I^-1 (h x w).
     """
     import numpy as np
 
@@ -124,7 +124,7 @@ def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
 
 
 def _steps_too_long(scene: Scene) -> list[str]:
-    """Return in whose turning fixed steps may see no imbalance; none if they are short enough."""
+    """Return the wheels whose imbalance fixed steps are too long to resolve; none if they are short enough."""
     step, found = scene.solver.step, []
     for wheel in scene.wheels:
         speed = max(abs(wheel.speed), 0.0 if math.isinf(wheel.max_speed) else wheel.max_speed)

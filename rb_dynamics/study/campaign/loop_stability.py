@@ -1,11 +1,11 @@
-"""Tell before the runs whether a loop samples too slowly to be stable.
+"""Warn before the runs of a control loop that samples too slowly to be stable.
 
 For the laws of this package small motion about rest is linear: theta' = w, I w' = h x w + u, with the momentum h of
 wheels and rotors at the start and u = -k theta - d w sampled every T, acting a delay later and held, through a channel
 that may have a delay and a lag of its own. Each sample multiplies the state by a matrix; the motion grows if an
 eigenvalue has a magnitude above 1 (Astrom and Wittenmark, Computer-Controlled Systems, section 3.2). Any other law may
-keep state and see sensors, so its matrix is not known: run 0 is simulated with it, and again with half the period and
-delay. If a rate grows, and grows much less in the second run, the period is the cause.
+keep state and read sensors, so its matrix is not known: run 0 is simulated with it, and again with half the period and
+delay. If the rate of the body grows, and grows much less in the second run, the period is the cause.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ if TYPE_CHECKING:
 _GAINS: Mapping[str, tuple[str, str]] = {"rate_damping": ("", "gain"), "attitude_pd": ("proportional", "derivative")}
 """Parameters of a law: stiffness and damping."""
 
-_MOST_WAITING = 200
+_MAX_DELAY = 200
 """Samples of delay up to which eigenvalues are computed."""
 
-_MOST_SAMPLES, _LEAST_SAMPLES, _LEAST_AWAY = 1000, 16, 4
-"""Samples that a trial flight has at most, and those below which it tells nothing; the last where it runs away."""
+_MAX_SAMPLES, _MIN_SAMPLES, _MIN_DIVERGING = 1000, 16, 4
+"""Largest and least number of samples of a trial flight; the last is the least of one that diverges."""
 
-_GROWN, _MORE = 2.0, 1.6
-"""Growth of the rate in a flight, and its ratio to that of a finer one, beyond which the period is to blame.
+_GROWTH, _GROWTH_RATIO = 2.0, 1.6
+"""Growth of the rate in a flight, and its ratio to that with finer sampling, beyond which the period is the cause.
 
-Growth that the period causes goes with its square (Euler's method on w' = i W w grows by sqrt(1 + (W T)^2) per step),
-so with half of it a flight grows by the square root only. The second is above that of noise, sqrt(2).
+Growth caused by the period T is of order T^2 (Euler's method on w' = i W w grows by sqrt(1 + (W T)^2) per step), so
+with half the period a flight grows by the square root only. The ratio is above that of noise, sqrt(2).
 """
 
-_PARTS = 2, 8
-"""Parts of period and delay in finer flights; the last where the first runs away too."""
+_FRACTIONS = 2, 8
+"""Divisors of period and delay in finer flights; the last is for a flight that diverges with the first, too."""
 
 
 def remarks(campaign: Campaign) -> list[str]:
-    """Return what is wrong with the scene and the control period of a campaign, empty if nothing is known to be."""
+    """Return warnings about the scene and the control period of a campaign."""
     control, base = campaign.control, Scenes(campaign).base
     found = scene_remarks(base)
     if control is None:
@@ -70,9 +70,9 @@ def remarks(campaign: Campaign) -> list[str]:
         )
     names = _GAINS.get(control.law)
     if names is None:
-        return found + _tried(campaign, control)
+        return found + _effect_of_period(campaign, control)
     if base.actuators:
-        found += _strain(campaign, _flown(campaign, control.period_ns))
+        found += _actuator_limits(campaign, _trial_flight(campaign, control.period_ns))
     # Wheels that give the torque are commanded themselves, not the channel.
     channel = next((each for each in base.channels if each.topic == CHANNEL and not control.through), Channel(CHANNEL))
     delay_s += channel.delay
@@ -89,7 +89,7 @@ def remarks(campaign: Campaign) -> list[str]:
 
 
 def _growth(scene: Scene, gains: Sequence[float], period_s: float, delay_s: float, lag_s: float) -> tuple[float, str]:
-    """Return by how much small motion of a scene grows per sample, and where: about which axis it is unstable."""
+    """Return by how much small motion of a scene grows per sample, and about which axis it is unstable."""
     import numpy as np
 
     if not has_momentum_inside(scene):
@@ -105,43 +105,43 @@ def _growth(scene: Scene, gains: Sequence[float], period_s: float, delay_s: floa
     return growth, f"beside {np.linalg.norm(inside):.3g} N m s of wheels and rotors"
 
 
-class _EnoughError(Exception):
-    """A trial flight has shown enough."""
+class _TrialEndError(Exception):
+    """Ends a trial flight that needs no more samples."""
 
 
-def _tried(campaign: Campaign, control: Control) -> list[str]:
-    """Return what run 0, and run 0 with half the period and delay, say about the period."""
+def _effect_of_period(campaign: Campaign, control: Control) -> list[str]:
+    """Return warnings from a trial of run 0, and from one with half the period and delay."""
     period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, values_of(campaign, 0)) / NANOSECONDS
-    flight = _flown(_faster(campaign, control, delay_s, 1), control.period_ns)
-    rates, strain = flight.rates, _strain(campaign, flight)
-    away = _runs_away(rates, control.period_ns)
-    if len(rates) < (_LEAST_AWAY if away else _LEAST_SAMPLES):
-        return strain
+    flight = _trial_flight(_sampled_faster(campaign, control, delay_s, 1), control.period_ns)
+    rates, found = flight.rates, _actuator_limits(campaign, flight)
+    diverges = _diverges(rates, control.period_ns)
+    if len(rates) < (_MIN_DIVERGING if diverges else _MIN_SAMPLES):
+        return found
     start, *_, end = _quarters(rates)
-    # What grows fast is at its largest before the first quarter is over.
-    if end < _GROWN * min(start, rates[0]):
-        return strain
-    for parts in _PARTS if away else _PARTS[:1]:
-        finer = _flown(_faster(campaign, control, delay_s, parts), control.period_ns, len(rates)).rates
-        if len(finer) == len(rates) and end > _MORE * (most := max(_quarters(finer))):
+    # Fast growth may reach its maximum within the first quarter.
+    if end < _GROWTH * min(start, rates[0]):
+        return found
+    for parts in _FRACTIONS if diverges else _FRACTIONS[:1]:
+        finer = _trial_flight(_sampled_faster(campaign, control, delay_s, parts), control.period_ns, len(rates)).rates
+        if len(finer) == len(rates) and end > _GROWTH_RATIO * (most := max(_quarters(finer))):
             break
     else:
-        return strain
+        return found
     part = "half" if parts == 2 else f"1/{parts} of"
     sensed = Scenes(campaign).base.sensors
     keeping_up = ", and sensors as fast," if sensed else ""
     raised = "control.rate and the rate of sensors" if sensed else "control.rate"
-    told = (
+    message = (
         f"{control.law} depends on its period of {period_s:g} s: in the first {(len(rates) - 1) * period_s:g} s of run "
         f"0 the rate of the body grows to {end:.2g} rad/s, with {part} the period and delay{keeping_up} to no more "
         f"than {most:.2g}; a torque that has to change within the period, such as a gyroscopic one, drives what it "
         f"should damp while it is held: lower the gain, raise {raised}, or let actuators or effects of the scene give "
         "it"
     )
-    return [*strain, told]
+    return [*found, message]
 
 
-def _faster(campaign: Campaign, control: Control, delay_s: float, parts: int) -> Campaign:
+def _sampled_faster(campaign: Campaign, control: Control, delay_s: float, parts: int) -> Campaign:
     """Return `campaign` with a part of the period and of the delay, `delay_s`, of run 0, and without noise.
 
     Sensors keep up with that: no faster than the law, unless they are anyway.
@@ -164,8 +164,8 @@ def _faster(campaign: Campaign, control: Control, delay_s: float, parts: int) ->
     return replace(campaign, scene_text=text, control=control, inputs=inputs)
 
 
-class _Flight(NamedTuple):
-    """What a trial flight of run 0 shows.
+class _TrialFlight(NamedTuple):
+    """Results of a trial flight of run 0.
 
     Attributes:
         rates: angular rate every period, rad/s.
@@ -178,8 +178,8 @@ class _Flight(NamedTuple):
     rejected: int
 
 
-def _flown(campaign: Campaign, period_ns: int, most: int = _MOST_SAMPLES) -> _Flight:
-    """Return what run 0 shows every period, at most until it runs away or fails."""
+def _trial_flight(campaign: Campaign, period_ns: int, most: int = _MAX_SAMPLES) -> _TrialFlight:
+    """Simulate run 0, observed every period, until it diverges, fails or has `most` samples."""
     rates: list[float] = []
     full: dict[str, float] = {}
     rejected, wheels = 0, Scenes(campaign).base.wheels
@@ -192,33 +192,33 @@ def _flown(campaign: Campaign, period_ns: int, most: int = _MOST_SAMPLES) -> _Fl
                 if abs(speed) >= NEAR_LIMIT * wheel.max_speed:
                     full.setdefault(wheel.name, float(samples.time_ns / NANOSECONDS))
         rejected = int(samples.rejected_commands[0])
-        if len(rates) == most or _runs_away(rates, period_ns):
-            raise _EnoughError
+        if len(rates) == most or _diverges(rates, period_ns):
+            raise _TrialEndError
 
-    # The row of a run that fails says why.
-    with contextlib.suppress(_EnoughError, ConvergenceError, FunctionError, SceneError):
+    # The campaign reports the error of a run that fails in its row.
+    with contextlib.suppress(_TrialEndError, ConvergenceError, FunctionError, SceneError):
         simulate_alone(replace(campaign, observe_ns=period_ns, metrics=()), 0, watch=watch)
-    return _Flight(rates, full, rejected)
+    return _TrialFlight(rates, full, rejected)
 
 
-def _strain(campaign: Campaign, flight: _Flight) -> list[str]:
-    """Return what actuators cannot do in run 0."""
+def _actuator_limits(campaign: Campaign, flight: _TrialFlight) -> list[str]:
+    """Return warnings about limits that actuators meet in run 0."""
     speeds = {wheel.name: wheel.max_speed for wheel in Scenes(campaign).base.wheels}
     found = [
         f"{name} comes near its max_speed of {speeds[name]:g} rad/s in run 0, at {at:g} s, beyond which it gives no "
-        "torque; take momentum out otherwise, or allow it more speed"
+        "torque; unload its momentum by other means, or raise max_speed"
         for name, at in flight.full.items()
     ]
     if flight.rejected:
         found.append(
             f"{flight.rejected} commands are rejected in the first {len(flight.rates)} samples of run 0, such as an "
-            "on-time below minimum_on; --rerun 0 writes a log of which inspect tells more"
+            "on-time below minimum_on; --rerun 0 writes a log, and inspect shows the details"
         )
     return found
 
 
-def _runs_away(rates: list[float], period_ns: int) -> bool:
-    """Return whether the body turns by half a turn in a period at the end of `rates`."""
+def _diverges(rates: list[float], period_ns: int) -> bool:
+    """Return whether the last of `rates` turns the body by more than half a turn in a period."""
     return bool(rates) and rates[-1] * period_ns > math.pi * NANOSECONDS
 
 
@@ -239,19 +239,19 @@ def growth_per_sample(
 ) -> float:
     """Return the factor by which theta'' = turning theta' - stiffness theta - damping theta' grows.
 
-    Numbers, or n x n matrices. What stiffness and damping give is sampled every `period_s`, commanded `delay_s` later
-    and held, and followed with a lag. 0 where the delay is too long to tell.
+    Numbers, or n x n matrices. The command is computed every `period_s`, takes effect `delay_s` later, is held, and is
+    followed with a lag. Returns 0 if the delay is too long for the computation.
     """
     import numpy as np
     from scipy.linalg import expm
 
     whole, part_s = divmod(delay_s, period_s)
     waiting = int(whole) + 1
-    if waiting > _MOST_WAITING:
+    if waiting > _MAX_DELAY:
         return 0.0
     stiffness, damping, turning = (np.atleast_2d(each) for each in (stiffness, damping, turning))
     one, free = np.eye(n := len(stiffness)), not stiffness.any()
-    # theta, w and, with a lag, what acts; in time, the last columns are what is commanded.
+    # Derivatives of theta, w and, with a lag, the acting torque; the last columns are for the command.
     count = 3 * n if lag_s > 0.0 else 2 * n
     rates = np.zeros((count + n, count + n))
     rates[:n, n : 2 * n] = rates[n : 2 * n, 2 * n : 3 * n] = one
@@ -271,6 +271,6 @@ def growth_per_sample(
     matrix[count : count + n] = command
     matrix[count + n :, count:-n] = np.eye(size - count - n)
     if free:
-        # Without stiffness the attitude is free.
+        # Without stiffness, the eigenvalue 1 of the attitude says nothing.
         matrix = matrix[n:, n:]
     return float(np.abs(np.linalg.eigvals(matrix)).max())
