@@ -59,6 +59,11 @@ def checks(
     motion = _motion(track)
     done += [_whole(series, track) for series in motion]
     done += [_unread(topic) for topic in _damaged(track) if topic.name not in {series.topic for series in motion}]
+    done += [
+        Check(f"{steps.topic} is one stream", False, steps.disorder.told(track.zero_ns))
+        for steps in track.wrenches
+        if steps.disorder is not None and steps.disorder.restarts
+    ]
     done += [_continuous(track, steady)] if steady is not None else []
     done += [_frozen(track, steady)] if steady is not None and steady.frozen else []
     done += [_one_body(track, steady.others)] if steady is not None and steady.others else []

@@ -547,9 +547,11 @@ def _steps(
     if limits is not None:
         commands = _within(commands, topic, limits, notes)
     stamped = bag.topics[topic].stamps_given
-    times = [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands]
+    times = np.array(
+        [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands], dtype=np.int64
+    )
     held = [_held(wrench, frames) for _, wrench in commands]
-    order = np.argsort(np.array(times, dtype=np.int64), kind="stable")
+    order = np.argsort(times, kind="stable")
 
     def rows(vectors: Sequence[Sequence[float]]) -> Array:
         return np.array(vectors, dtype=np.float64).reshape(-1, 3)[order]
@@ -559,13 +561,14 @@ def _steps(
     world = np.array([wrench.frame_id == frames.world_frame for _, wrench in commands], dtype=bool)[order]
     return RecordedWrench(
         topic=topic,
-        time_ns=np.array(times, dtype=np.int64)[order],
+        time_ns=times[order],
         force=rows([p.force_body for p in parts]) + rows([p.force_world for p in parts]),
         torque=rows([p.torque_body for p in parts]) + rows([p.torque_world for p in parts]),
         world=world,
         at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in commands], dtype=bool)[order],
         known=np.array([part is not None for part in held], dtype=bool)[order],
         frames=tuple(sorted({wrench.frame_id for _, wrench in commands})),
+        disorder=disorder(times),
     )
 
 

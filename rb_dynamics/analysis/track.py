@@ -87,6 +87,7 @@ class RecordedWrench:
         at_point: whether the force acts at a point of the body: the torque holds for the centre of mass that is known.
         known: False for a row with an undeclared frame or unusable numbers.
         frames: every `frame_id` met.
+        disorder: times that do not ascend in the file; None if all do.
     """
 
     topic: str
@@ -97,6 +98,7 @@ class RecordedWrench:
     at_point: NDArray[np.bool_]
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
+    disorder: Disorder | None = None
 
     def accepted(self) -> RecordedWrench:
         """Return the same without rows that are not known: a command that is rejected leaves the one before."""

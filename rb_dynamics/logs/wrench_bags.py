@@ -10,7 +10,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
@@ -50,6 +50,8 @@ _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
 # Every command is recorded at least so long after its stamp, or before it, only if these are of two clocks.
 _APART_NS = _NANOSECONDS // 10
+# Stamps of one topic that go back by more are those of another run, or another clock.
+_BACK_NS = _NANOSECONDS
 # Commands that begin later than this after the end of the run are of another clock than those within it.
 _ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
 
@@ -106,6 +108,10 @@ class _Recording:
         count: commands for channels of the scene.
         begin_ns: the earliest log time of any message.
         behind_ns: how far its commands are recorded behind their stamps, at least; None without any.
+        unset_ns: the same of those whose stamp is 0; None without any.
+        fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
+        back_ns: how far stamps of one topic go back, from one command to the next.
+        newest: the last stamp on each of its channels.
         within: commands between start and end of the run.
         early: commands before its start, which act from the start on, unless another follows.
         acting: those within that can be honoured.
@@ -126,6 +132,10 @@ class _Recording:
     count: int = 0
     begin_ns: int | None = None
     behind_ns: int | None = None
+    unset_ns: int | None = None
+    fills: bool = False
+    back_ns: int = 0
+    newest: dict[int, int] = field(default_factory=dict)
     within: int = 0
     early: int = 0
     acting: int = 0
@@ -148,8 +158,16 @@ class _Recording:
     @property
     def apart_ns(self) -> int:
         """How far its log times are behind its stamps if these are of two clocks; else 0."""
-        behind_ns = 0 if self.by_log else self.behind_ns or 0
+        found = () if self.by_log else (self.behind_ns, None if self.partly_unset else self.unset_ns)
+        behind_ns = min((each for each in found if each is not None), default=0)
         return behind_ns if abs(behind_ns) > _APART_NS else 0
+
+    @property
+    def partly_unset(self) -> bool:
+        """Whether some commands have a stamp of 0 only because nobody set it: the others are of another time."""
+        if self.ours or self.behind_ns is None or self.unset_ns is None:
+            return False
+        return abs(self.unset_ns - self.behind_ns) > _ONE_CLOCK_NS
 
     @property
     def start_ns(self) -> int:
@@ -225,8 +243,19 @@ class RecordedWrenches:
         self._wanted = {name: topic for name, topic in known.items() if topic in topics}
         self._end_ns, self._channels = end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
+        self._bags = [self._looked_through(replace(bag, fills=True)) if bag.partly_unset else bag for bag in self._bags]
         self._require_topics()
-        self.notes: list[str] = []
+        self.notes: list[str] = [
+            f"{bag.path}: some of its commands have no stamps: each of these acts when it was recorded"
+            for bag in self._bags
+            if bag.fills
+        ]
+        self.notes += (
+            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; of "
+            "several runs in one bag the commands are mixed, as they act in the order of their stamps"
+            for bag in self._bags
+            if bag.back_ns > _BACK_NS and not bag.by_log
+        )
         if start != "stamp":
             self._begin(start)
         else:
@@ -266,11 +295,13 @@ class RecordedWrenches:
     def require_some(self) -> None:
         """Refuse a bag that has commands, but none that takes effect.
 
+        Between two commands, the first of them is held; after the last, a run is taken for another's.
+
         Raises:
             LogError: gives the times of its commands, and why.
         """
         for bag in self._bags:
-            if bag.count and not bag.acting:
+            if bag.count and not bag.acting and not (0 < bag.early < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))
 
     def __len__(self) -> int:
@@ -329,7 +360,8 @@ class RecordedWrenches:
         Raises:
             LogError: it cannot be read or is damaged.
         """
-        bag = _Recording(bag.path, bag.by_log, bag.offset_ns)
+        behind_ns = bag.behind_ns if bag.fills else None
+        bag = _Recording(bag.path, bag.by_log, bag.offset_ns, behind_ns=behind_ns, fills=bag.fills)
         source = open_source(bag.path)
         for block in source.blocks():
             earliest_ns = int(block.log_times.min())
@@ -340,7 +372,11 @@ class RecordedWrenches:
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
-                    self._count(bag, _batch(source, bag, block, kind, self._topics.index(topic)))
+                    batch = _batch(source, bag, block, kind, self._topics.index(topic))
+                    self._count(bag, batch)
+                    stamps = np.append(bag.newest.get(id(block.channel), batch.stamps[0]), batch.stamps)
+                    bag.back_ns = max(bag.back_ns, int(-np.diff(stamps).min()))
+                    bag.newest[id(block.channel)] = int(stamps[-1])
         for channel in source.channels.values():
             if named_type(channel) in WRENCHES:
                 bag.found[channel.topic] += 0
@@ -359,8 +395,9 @@ class RecordedWrenches:
         bag.count += len(batch.stamps)
         bag.stamps.add(batch.stamps)
         bag.log_times.add(batch.log_times)
-        behind_ns = int((batch.log_times - batch.stamps).min())
-        bag.behind_ns = behind_ns if bag.behind_ns is None else min(bag.behind_ns, behind_ns)
+        behind, unset = batch.log_times - batch.stamps, batch.stamps == 0
+        bag.behind_ns = _least(bag.behind_ns, behind[~unset])
+        bag.unset_ns = _least(bag.unset_ns, behind[unset])
         commands = batch.commands
         times = commands.time_ns
         within = (times >= 0) & (times <= self._end_ns)
@@ -417,8 +454,8 @@ class RecordedWrenches:
                 if start in ("auto", "bag") and bag.apart_ns:
                     self.notes.append(
                         f"{bag.path}: its log times are {_seconds(abs(bag.apart_ns))} s "
-                        f"{'behind' if bag.apart_ns > 0 else 'ahead of'} its stamps: the start of the bag is taken by "
-                        "the stamps"
+                        f"{'later' if bag.apart_ns > 0 else 'earlier'} than its stamps: the start of the bag is taken "
+                        "by the stamps"
                     )
                 if start == "auto":
                     self.notes.append(
@@ -515,9 +552,12 @@ def _batch(
     except LogError:
         _require_whole(source, block, kind)
         raise
+    times = topic.log_times if bag.by_log else stamps
+    if bag.fills and not bag.by_log:
+        times = np.where(stamps == 0, topic.log_times - bag.apart_ns, stamps)
     frame_ids = [text[0] if text else "" for _, text in texts]
     frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
-    time_ns = (topic.log_times if bag.by_log else stamps) - bag.offset_ns
+    time_ns = times - bag.offset_ns
 
     number, chunk = place
     arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
@@ -525,7 +565,14 @@ def _batch(
     received = _Commands(block, wrench, frame_ids, frame, time_ns, stamps if kind == WRENCH else None)
     columns = time_ns, time_ns, np.full(topic.count, channel), arrival, wrench, frame, frame_ids
     commands = CommandBatch(*columns, Received((received,), np.zeros_like(rows), rows))
-    return _Batch(stamps, topic.log_times, commands)
+    return _Batch(times if bag.fills else stamps, topic.log_times, commands)
+
+
+def _least(known: int | None, more: Times) -> int | None:
+    """Return the least of what was known and of more times; None without any."""
+    if not len(more):
+        return known
+    return int(more.min()) if known is None else min(known, int(more.min()))
 
 
 def _require_whole(source: Source, block: MessageBlock, kind: str) -> None:

@@ -10,7 +10,7 @@ from bag_rows import STAMPED, Row, stamped, write_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rb_dynamics import parse_scene, simulate
+from rb_dynamics import inspect, parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
@@ -131,7 +131,8 @@ def test_log_times_of_another_clock_do_not_move_the_commands(tmp_path: Path, lat
     bag = write_rows(tmp_path / "a.mcap", rows)
     found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
     assert [wrench.stamp_ns for _, wrench in found] == [SECOND, 2 * SECOND]
-    assert "the start of the bag is taken by the stamps" in found.notes[0]
+    assert f"s {'later' if later_ns > 0 else 'earlier'} than its stamps: the start of the bag" in found.notes[0]
+    assert "is taken by the stamps" in found.notes[0]
 
 
 def test_stamps_within_the_run_stand(tmp_path: Path) -> None:
@@ -156,6 +157,40 @@ def test_commands_without_stamps_go_by_their_log_times(tmp_path: Path) -> None:
     assert [wrench.stamp_ns for _, wrench in by_stamps] == [0, 0, 0]
     assert "so all 3 act at once, at time 0; --wrench-start bag" in by_stamps.notes[0]
     assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], start="stamp")] == [0, 0, 0]
+
+
+def test_a_stamp_that_nobody_set_does_not_say_that_the_others_lie_within_the_run(tmp_path: Path) -> None:
+    """Four of the five were after the end by it; the node lets it act when it comes."""
+    rows: list[Row] = [
+        ("/wrench", STAMPED, WALL_NS + i * SECOND + 7, stamped(0 if i == 2 else WALL_NS + i * SECOND, 1.0 + i))
+        for i in range(5)
+    ]
+    found = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["wrench"], 10 * SECOND, start="auto")
+    times = [(wrench.stamp_ns, wrench.force[0]) for _, wrench in found]
+    assert times == [(0, 1.0), (SECOND, 2.0), (2 * SECOND + 7, 3.0), (3 * SECOND, 4.0), (4 * SECOND, 5.0)]
+    assert "some of its commands have no stamps" in found.notes[0]
+    # Where the clock begins at 0, that is a stamp like any other.
+    rows = [("/wrench", STAMPED, i * SECOND, stamped(i * SECOND, 1.0)) for i in range(3)]
+    of_a_run = RecordedWrenches([write_rows(tmp_path / "b.mcap", rows)], ["wrench"], 10 * SECOND, start="auto")
+    assert ([wrench.stamp_ns for _, wrench in of_a_run], of_a_run.notes) == ([0, SECOND, 2 * SECOND], [])
+
+
+def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
+    """A simulation that was started anew while it was recorded: its runs were mixed without a word."""
+    stamps = [k * SECOND // 2 for k in (*range(8), *range(1, 9))]
+    rows: list[Row] = [("/wrench", STAMPED, k * SECOND, stamped(at, 1.0)) for k, at in enumerate(stamps)]
+    bag = write_rows(tmp_path / "a.mcap", rows)
+    (told,) = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto").notes
+    assert "the stamps of its commands go back by 3 s" in told
+    (failed,) = (check for check in inspect(bag).summary.checks if not check.passed)
+    assert failed.name == "/wrench is one stream"
+    assert "stamps begin again after t = 3.5 s at 0.5 s: two runs in one file" in failed.detail
+    # Messages on the way for different times, and two topics, one written behind the other, are one run.
+    late = [0, 2, 1, 4, 3, 6, 5]
+    rows = [("/wrench", STAMPED, k, stamped(at * SECOND // 2, 1.0)) for k, at in enumerate(late)]
+    rows += [("/other", STAMPED, k, stamped(k * SECOND // 2, 1.0)) for k in range(7)]
+    bag = write_rows(tmp_path / "b.mcap", rows)
+    assert not RecordedWrenches([bag], ["wrench", "other"], 10 * SECOND, start="stamp").notes
 
 
 def test_several_bags_are_of_one_time_and_in_one_order(tmp_path: Path) -> None:
@@ -302,6 +337,14 @@ def test_commands_that_all_miss_are_an_error(
     assert main([command, str(scene), "--wrench", str(bag), "--wrench-start", start, *log]) == 2
     assert says in capsys.readouterr().err
     assert not (tmp_path / "run.mcap").exists()
+
+
+def test_a_run_between_two_commands_holds_the_first(scene: Path, tmp_path: Path) -> None:
+    bag = recorded(tmp_path / "a.mcap", 0, [0, 9 * SECOND])
+    log = tmp_path / "run.mcap"
+    assert main(["simulate", str(scene), "--wrench", str(bag), "--wrench-start", "1", "--mcap", str(log)]) == 0
+    assert [wrench.force[0] for _, wrench in read_bag(log).wrenches("/wrench/applied")] == [1.0]
+    assert main(["simulate", str(scene), "--wrench", str(bag), "--wrench-start", "10"]) == 2
 
 
 def test_one_bag_of_several_that_misses_is_an_error(
