@@ -23,7 +23,7 @@ from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.numerics.rotation_arrays import product, rotations_between
+from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse, rotations_between
 
 UNITS = {
     "attitude": "rad",
@@ -566,6 +566,13 @@ def _frames(a: Track, b: Track) -> list[str]:
             f'The poses of A are in the frame "{a.pose.frame}", those of B in "{b.pose.frame}": they are taken as one '
             "frame, which nothing in the recordings says."
         )
+    if a.twist and b.twist and not (a.twist_in_world or b.twist_in_world):
+        frames = [each.frame.lstrip("/") for each in (a.twist, b.twist)]
+        if "" not in frames and frames[0] != frames[1]:
+            told.append(
+                f'The twists of A are of the frame "{frames[0]}", those of B of "{frames[1]}": they are taken as one '
+                "body frame, which nothing in the recordings says."
+            )
     if a.twist_in_world != b.twist_in_world and a.twist and b.twist:
         told.append(
             f"The twist of {'A' if a.twist_in_world else 'B'} is in world axes; its pose turns it into body axes."
@@ -594,17 +601,25 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
                 f"degrees) about ({direction}), throughout: without that {rest:.3g} rad (rms) would remain{either}. "
                 "Nothing is corrected: rates and velocities are compared as they are."
             )
-    if (position := found.get("position")) is not None and len(position.size) > 3:
+    if (position := found.get("position")) is not None and len(position.size) > 3 and position.rms > 1e-9:
         apart = position.second - position.first
-        mean = apart.mean(axis=0)
-        rest = float(np.sqrt(np.mean(np.sum((apart - mean) ** 2, axis=1))))
-        if rest * _CONSTANT < position.rms and position.rms > 1e-9:
+        shifts = {"": _constant_shift(apart)}
+        if attitude is not None and np.array_equal(attitude.time_ns, position.time_ns):
+            shifts[" in the body axes of A"] = _constant_shift(rotate_all_inverse(attitude.first, apart))
+        axes, (mean, rest) = min(shifts.items(), key=lambda shift: shift[1][1])
+        if rest * _CONSTANT < position.rms:
             place = ", ".join(f"{part:.6g}" for part in mean)
             told.append(
-                f"The positions of B lie ({place}) m from those of A, throughout: without that {rest:.3g} m (rms) "
-                "would remain."
+                f"The positions of B lie ({place}) m from those of A{axes}, throughout: without that {rest:.3g} m "
+                "(rms) would remain."
             )
     return told
+
+
+def _constant_shift(apart: Array) -> tuple[Array, float]:
+    """Return the mean of differences (m), and the rms that remains without it."""
+    mean = apart.mean(axis=0)
+    return mean, float(np.sqrt(np.mean(np.sum((apart - mean) ** 2, axis=1))))
 
 
 def _constant_turn(turns: Array) -> tuple[Array, float, float]:

@@ -37,6 +37,8 @@ _AROUND, _REACHES = 4, 4
 _ROUNDS, _FARTHEST = 20, 400
 # So many samples later, what remains shares no sample with what remains now.
 _LATER = 5
+# Part of the time that both cover to which a lag must be known.
+_KNOWN = 0.1
 # What an offset at which stamps coincide leaves, at most, of what the best one does.
 _SHARP = 0.5
 _SECOND = 1e9
@@ -52,6 +54,7 @@ class Alignment:
         uncertainty_s: of a lag that was found; None otherwise.
         rival_s: another lag that fits about as well; None without.
         remaining: of a lag that was found, the difference that it leaves relative to the usual one, 0 to 1.
+        shared_s: time that both cover at a lag that was found; None otherwise.
     """
 
     by: str
@@ -59,6 +62,7 @@ class Alignment:
     uncertainty_s: float | None = None
     rival_s: float | None = None
     remaining: float | None = None
+    shared_s: float | None = None
 
     @property
     def doubtful(self) -> bool:
@@ -73,6 +77,8 @@ class Alignment:
             told.append(f"it leaves {100.0 * (self.remaining or 0.0):.0f} % of the usual difference of rates")
         if self.rival_s is not None:
             told.append(f"{self.rival_s:.6f} s fits about as well")
+        if self.shared_s is not None and (self.uncertainty_s or 0.0) > _KNOWN * self.shared_s:
+            told.append(f"it is known to +- {self.uncertainty_s:.2g} s only, of {self.shared_s:.3g} s that both cover")
         return told
 
 
@@ -186,7 +192,15 @@ def _lag(signals: list[_SignalPair], a: Signal | None, b: Signal | None) -> Alig
         return None
     rival = float(lags[rivals[0]]) / _SECOND if rivals else None
     uncertainty_s = _uncertainty(signals, valley, step_ns)
-    return Alignment("lag", valley.offset_ns, uncertainty_s, rival, min(1.0, least / usual))
+    shared_s = max((_shared_s(each, valley.offset_ns) for each in signals), default=0.0)
+    return Alignment("lag", valley.offset_ns, uncertainty_s, rival, min(1.0, least / usual), shared_s)
+
+
+def _shared_s(pair: _SignalPair, offset_ns: int) -> float:
+    """Return the time (s) that the two cover at an offset."""
+    begin = max(int(pair.a.time_ns[0]), int(pair.b.time_ns[0]) - offset_ns)
+    end = min(int(pair.a.time_ns[-1]), int(pair.b.time_ns[-1]) - offset_ns)
+    return (end - begin) / _SECOND
 
 
 def _found(signals: list[_SignalPair], lags: Times, costs: Array, at: int, step_ns: int) -> tuple[_Valley, float]:

@@ -36,6 +36,8 @@ Align: TypeAlias = Literal["start", "stamp"] | float | Decimal | None
 
 # By stamps a foreign recording is called misaligned if a lag leaves this many times less, and this many samples away.
 _BETTER = 10.0
+# Recordings no further apart by their stamps may be pieces of one flight (ns).
+_ONE_FLIGHT_NS = 3600 * 10**9
 
 
 def compare(
@@ -279,7 +281,15 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
             f"found no lag that is certain: {offset} s (B's time less A's) fits best, but {' and '.join(lag.doubts)}; "
             f"say how the times belong together: --align {offset}, --align start or --align SECONDS"
         )
-    return lag, []
+    apart_ns = max(begin_a, begin_b) - min(end_a, end_b)
+    if apart_ns > _ONE_FLIGHT_NS:
+        return lag, []
+    later = "B" if begin_b > end_a else "A"
+    told = (
+        f"By their stamps they have no time in common: {later} begins {apart_ns / 10**9:.6g} s after the other ends. "
+        "If their clocks are one, these are two pieces of a flight, and there is nothing to compare."
+    )
+    return lag, [told]
 
 
 def _flown_from(a: Track, b: Track) -> int | None:

@@ -6,6 +6,7 @@ import json
 import math
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.comparison import MOTION, difference
+from rb_dynamics.analysis.comparison import MOTION, Given, compare_tracks, difference
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.signals import Signal
 from rb_dynamics.analysis.time_alignment import Alignment
@@ -28,6 +29,7 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import origin_of
+from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.comparison_text import verdict
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -320,6 +322,29 @@ def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, fold
     assert "about (0, 0, 1)" in turned or "about (0, 0, -1)" in turned
     assert any("positions of B lie" in note and "0.25" in note for note in found.notes)
     assert TURN[3] < 1.0
+
+
+def test_another_point_of_the_body_and_another_body_frame_are_named(log: Path, folder: Path) -> None:
+    bag = read_track(read_bag(foreign(folder / "point.mcap", log)))
+    pose, twist = bag.pose, bag.twist
+    assert pose is not None
+    assert twist is not None
+    lever = rotate_all(pose.values[:, 3:], np.array([[0.1, 0.05, -0.2]]))
+    moved = replace(pose, values=np.hstack([pose.values[:, :3] + lever, pose.values[:, 3:]]))
+    other = replace(bag, pose=moved, twist=replace(twist, frame="imu"))
+    found = compare_tracks(Given(bag, "a"), Given(other, "b"), Alignment("stamp", 0))
+    told = " ".join(found.notes)
+    assert "lie (0.1, 0.05, -0.2) m from those of A in the body axes of A, throughout" in told
+    assert f'The twists of A are of the frame "{twist.frame}", those of B of "imu"' in told
+
+
+def test_a_lag_that_is_hardly_known_is_none_and_pieces_of_one_clock_are_named(log: Path, folder: Path) -> None:
+    """Without a torque speeds nearly repeat: of two pieces of a flight, a lag left half a radian, known to 0.7 s."""
+    assert "known to +- 0.7 s only, of 3.6 s" in " ".join(Alignment("lag", 0, 0.7, None, 0.1, 3.6).doubts)
+    assert not Alignment("lag", 0, 0.3, None, 0.1, 3.6).doubtful
+    found = rb.compare(log, foreign(folder / "piece.mcap", log, later_ns=10_000_000_000))
+    assert (found.alignment.by, found.alignment.offset_ns) == ("lag", 10_000_000_000)
+    assert any("they have no time in common: B begins 6 s after the other ends" in note for note in found.notes)
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 3).filter(lambda v: math.hypot(*v) > 1e-3))
