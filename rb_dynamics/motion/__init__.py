@@ -53,7 +53,7 @@ REMOVED = dict.fromkeys(("strang4", "aba82", "aba84", "aba104", "aba864"), "dmv1
 
 
 def remedy(name: object, known: Sequence[str], otherwise: str) -> str:
-    """Return the remedy for an error message about `name`, which is not `known`."""
+    """Return the remedy for an error message about the unknown `name`."""
     text = str(name).lower()[:60]
     if text in REMOVED:
         return f"{text} was removed; take {REMOVED[text]}"

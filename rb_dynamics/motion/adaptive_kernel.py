@@ -55,13 +55,13 @@ if TYPE_CHECKING:
 
 _SIGNATURE = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
-# Arguments of a kernel: body and wrench, goal, phase and learnt state. It overwrites the last two, and appends both as
-# they will be after the next stride.
+# Layout of the array that a kernel works on: body and wrench, goal, phase, learnt state; then room for the phase and
+# the learnt state after the next stride. The kernel overwrites the last four.
 _GOAL_AT = CONSTANTS
 _PHASE_AT = _GOAL_AT + len(Goal._fields)
-_KNOWN = PHASE + len(Learnt._fields)
-_AFTER_AT = _PHASE_AT + _KNOWN
-_HANDED, _PUT_BACK = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _KNOWN}d")
+_STATE_SIZE = PHASE + len(Learnt._fields)
+_AFTER_AT = _PHASE_AT + _STATE_SIZE
+_INPUT, _OUTPUT = Struct(f"{_AFTER_AT}d"), Struct(f"{2 * _STATE_SIZE}d")
 
 # Longer than any run, but so far below 2^63 that sums of two do not overflow.
 FOREVER = 2**62
@@ -71,13 +71,13 @@ class Progress(NamedTuple):
     """Result of a kernel.
 
     Attributes:
-        strides: number taken.
+        strides: number of strides taken.
         reached: ns after the start of the first stride.
         phase: the phase there.
         learnt: the learnt state there.
-        next_stride: the stride that would have gone too far, ns; 0 if it has not been chosen.
-        after: the phase at its end.
-        following: the learnt state after it.
+        next_stride: the next stride, which would have ended too late, ns; 0 if it has not been chosen.
+        after: the phase at the end of the next stride.
+        following: the learnt state after the next stride.
     """
 
     strides: int
@@ -94,7 +94,7 @@ _Acting = tuple[Inertia, HeldWrench, "Numbers"]
 
 
 def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room: int, count: int) -> Progress:
-    """Take at most `count` strides from `phase` on, as far as they end within `room` ns.
+    """Take at most `count` strides from `phase` on that end within `room` ns.
 
     Stops, with `next_stride` 0, before a stride that cannot be taken or whose accuracy cannot be reached.
     """
@@ -117,13 +117,15 @@ def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -
 
 
 def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
-    """Do what `AccuracyControl.stride` does under the load of effects."""
+    """As `AccuracyControl.stride`, under the load of effects."""
     inertia, _, effects = constants
     slowing, sight = load_scales(effects, _here(inertia, phase))
     g, known = goal, learnt
     goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
     step = min(known.step, max(sight, 1.0 / NANOSECONDS))
-    return by_trial(goal, Learnt(step, known.farthest, known.telling, known.told, known.until), phase, constants)
+    return by_trial(
+        goal, Learnt(step, known.farthest, known.resolved_stride, known.resolved_error, known.until), phase, constants
+    )
 
 
 def _by_method(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
@@ -158,7 +160,7 @@ def _held_strength(constants: _Acting, _: PhaseState) -> float:
 
 
 def _whole_strength(constants: _Acting, phase: PhaseState) -> float:
-    """Return the same with those of effects."""
+    """Return the sum of the magnitudes (N) of the forces, those of effects included."""
     inertia, held, effects = constants
     return norm(held.force_world) + norm(held.force_body) + strength(effects, _here(inertia, phase))
 
@@ -225,15 +227,15 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
 _STRENGTH = specialise(_held_strength, "strength_of_held")
 _WHOLE_STRENGTH = specialise(_whole_strength, "strength_of_all")
 
-# Plain Python, like the function that chooses it.
+# Cost of a stride in plain Python, its choice included, in steps.
 _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
 
 
 class Strides(OnDemand):
-    """The strides of one method with one kind of control."""
+    """Kernel for strides of one method with one kind of control."""
 
     def __init__(self, method: Method, kind: str, *, effects: bool = False) -> None:
-        """Compile nothing yet; `kind` is "doubling", "pair" or "own"; with `effects` for scenes that have some."""
+        """Prepare, without compiling. `kind` is "doubling", "pair" or "own"; `effects`: for scenes with effects."""
         name = f"strides_by_{kind}_{method.name}{WITH_EFFECTS if effects else ''}"
         load = load_of_effects if effects else no_load
         step = specialise(_stepped, f"{name}_step", _step=method.step, _load=load)
@@ -272,12 +274,12 @@ class Strides(OnDemand):
             return None
         import numpy as np
 
-        numbers = np.empty(_AFTER_AT + _KNOWN + len(effects))
-        numbers[_AFTER_AT + _KNOWN :] = effects
-        _HANDED.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
+        numbers = np.empty(_AFTER_AT + _STATE_SIZE + len(effects))
+        numbers[_AFTER_AT + _STATE_SIZE :] = effects
+        _INPUT.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
         strides, reached, next_stride = compiled(numbers, min(room, FOREVER), count)
-        s = _PUT_BACK.unpack_from(numbers.data, 8 * _PHASE_AT)
-        (end, learnt), (after, following) = _known(s[:_KNOWN]), _known(s[_KNOWN:])
+        s = _OUTPUT.unpack_from(numbers.data, 8 * _PHASE_AT)
+        (end, learnt), (after, following) = _known(s[:_STATE_SIZE]), _known(s[_STATE_SIZE:])
         return Progress(strides, reached, end, learnt, next_stride, after, following)
 
 

@@ -19,7 +19,7 @@ from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
-from rb_dynamics.motion.propagation import Standing
+from rb_dynamics.motion.propagation import ArcState
 from rb_dynamics.motion.stateful_kernel import StatefulSteps, stateful_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -33,14 +33,14 @@ OfPhase = Callable[[PhaseState], float]
 
 
 class LoadScales(NamedTuple):
-    """What effects say about the load ahead; a field is None if they say nothing.
+    """What the effects of a scene predict about the load; a field is None if they predict nothing.
 
     Attributes:
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
         sight: for how long (s) the load in a phase predicts the load ahead.
-        strength: the sum of the magnitudes (N) of their forces in a phase.
-        numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
-        wheels: for kernels too, how wheels turn that act beside `numbers`, see `WheelSet.numbers`.
+        strength: the sum of the magnitudes (N) of the effects' forces in a phase.
+        numbers: load and predictions as numbers for kernels, see `compiled_load.py`; empty if there is no such form.
+        wheels: likewise for reaction wheels, see `WheelSet.numbers`.
         settled: when (s of the run) the load stops changing gradually; infinite for other loads.
     """
 
@@ -53,7 +53,7 @@ class LoadScales(NamedTuple):
 
 
 Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, StepControl]]
-"""Return method and control for the motion after a phase; both controls use the same unit of time."""
+"""Return the method and its control for the motion after a phase; both controls use the same unit of time."""
 
 _NO_SCALES = LoadScales()
 
@@ -70,7 +70,7 @@ class Arc:
 
     Attributes:
         methods: names of the methods used, in order.
-        expected_ns: the expected end; it decides only whether a kernel is worth it.
+        expected_ns: the expected end; used only to decide whether a kernel pays.
     """
 
     def __init__(
@@ -87,9 +87,9 @@ class Arc:
     ) -> None:
         """Start in `phase` at `start_ns`.
 
-        `load_from` gives the load in addition to `held`, if there is one, and `scales` what is known of it ahead;
-        `choose_again` selects another method, after `_CHOOSE_AGAIN` strides and whenever their number has doubled, so
-        that a transient does not decide for the whole arc.
+        `load_from` gives the load in addition to `held`, if there is one, and `scales` what is known about it in
+        advance; `choose_again` selects another method, after `_CHOOSE_AGAIN` strides and whenever their number has
+        doubled, so that a transient does not decide for the whole arc.
         """
         self.methods = [method.name]
         self._what_acts = inertia, held, load_from, scales
@@ -116,20 +116,20 @@ class Arc:
 
     @property
     def load(self) -> tuple[LoadFrom | None, LoadScales]:
-        """What acts in addition to the held wrench."""
+        """The load in addition to the held wrench."""
         return self._what_acts[2], self._what_acts[3]
 
     def guess(self) -> None:
-        """Let its control guess the next stride, as a kernel cannot where it has learnt nothing."""
+        """Let the control guess the first stride, which a kernel cannot do."""
         if isinstance(self._control, AccuracyControl):
             self._control.learnt = self._control.guess(self._phase, self._advance)
 
     @property
-    def standing(self) -> Standing:
-        """Where it stands."""
-        # A stride that has been chosen and not taken is chosen again.
+    def state(self) -> ArcState:
+        """The present state."""
+        # A stride that has been chosen but not taken will be chosen again.
         stride = self._stride or 0 if self._after is not None else 0
-        return Standing(
+        return ArcState(
             self._method,
             self._control,
             self._what_acts[1],
@@ -142,13 +142,13 @@ class Arc:
             _CHOOSE_AGAIN if self._choose_again else 0,
         )
 
-    def resume(self, standing: Standing) -> None:
-        """Stand so, with a method that is chosen again if it is time."""
-        more = standing.strides > self._strides
-        self._phase, self._reached, self._strides = standing.phase, standing.reached, standing.strides
-        self._stride, self._after = (standing.stride, standing.after) if standing.stride else (None, None)
+    def resume(self, arc_state: ArcState) -> None:
+        """Continue from this state of the same arc; the method is chosen again if it is time."""
+        more = arc_state.strides > self._strides
+        self._phase, self._reached, self._strides = arc_state.phase, arc_state.reached, arc_state.strides
+        self._stride, self._after = (arc_state.stride, arc_state.after) if arc_state.stride else (None, None)
         if isinstance(self._control, (AccuracyControl, OwnControl)):
-            self._control.learnt, self._control.following = standing.learnt, standing.following
+            self._control.learnt, self._control.following = arc_state.learnt, arc_state.following
         if more:
             self._count(0)
 
@@ -173,7 +173,7 @@ class Arc:
         return phase
 
     def advance(self, time_ns: int) -> None:
-        """Take the strides that end by `time_ns`, so that a later request has less to do.
+        """Take the strides that end by `time_ns`, so that later requests cost less.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -191,7 +191,7 @@ class Arc:
             self._take_stride()
 
     def _take_equal_strides(self, length: int, target: int) -> None:
-        """Take strides of `length` as far as a kernel can; the rest is taken one by one."""
+        """Take strides of `length` in a kernel, as far as it can; the rest are taken one by one."""
         h = length / (self._control.denominator * NANOSECONDS)
         while (left := (target - self._reached) // length) > 0:
             count, ahead = min(left, self._most_strides()), self._ahead(target) // length
@@ -206,7 +206,7 @@ class Arc:
         """Take strides chosen by a kernel until `target`, and keep the next one; return whether any was taken."""
         if self._stride is not None:
             return False
-        # For the time ahead, assume as many strides as for the time so far.
+        # Estimate the number of strides ahead from that so far.
         ahead = self._ahead(target) * self._strides // self._reached if self._strides >= _ENOUGH else 1
         progress = self._progress(target - self._reached, self._most_strides(), ahead)
         if progress is None or progress.strides == 0:
@@ -233,7 +233,7 @@ class Arc:
         return progress
 
     def _most_strides(self) -> int:
-        """Return how many strides may be taken at once, without passing a choice of method."""
+        """Return how many strides may be taken before the method has to be chosen again."""
         if self._choose_again is None:
             return LONGEST_STRETCH
         choice = max(_CHOOSE_AGAIN, 1 << self._strides.bit_length())
@@ -328,7 +328,7 @@ class Stepper:
     def stride(self, control: StepControl, phase: PhaseState) -> tuple[int, PhaseState | None]:
         """Return the next stride that `control` chooses in `phase` and, if known, the phase at its end.
 
-        A kernel is not compiled for that here: there may be no other stride.
+        This alone is no reason to compile a kernel, because there may be no other stride.
 
         Raises:
             ConvergenceError: no stride meets the accuracy.
@@ -389,8 +389,9 @@ class Stepper:
     def steady(self, phase: PhaseState, longest: float) -> float:
         """Return for how long (s), at most `longest`, the load stays close to that in `phase`.
 
-        Until it has changed by half of its maximum on the path of a coasting body, sampled after about 1, 2, 4 ... ns.
-        A first step whose stages are all beyond a thin layer would not see it, and be accepted.
+        This lasts until the load has changed by half of its maximum on the path of a coasting body, sampled after about
+        1, 2, 4 ... ns. Without this limit, a first step whose stages all lie beyond a thin layer would miss it and be
+        accepted.
         """
         if self._load_from is None or not 1.0 / NANOSECONDS < longest < math.inf:
             return longest
@@ -409,10 +410,10 @@ class Stepper:
         return scale(1.0 / self._inertia.mass, phase.linear_momentum_world)
 
 
-# Each candidate of `auto` asks for the same.
+# Cached, because each candidate of `auto` requests the same.
 @lru_cache(maxsize=1)
 def _steady(load_from: LoadFrom, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
-    """Return what `Stepper.steady` does."""
+    """As `Stepper.steady`."""
     load, (mass, moments), omega = load_from(phase), inertia, phase.angular_velocity
     velocity = scale(1.0 / mass, phase.linear_momentum_world)
     half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))

@@ -33,7 +33,7 @@ CANDIDATES: Mapping[LoadDependence, tuple[str, ...]] = MappingProxyType(
 )
 """The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""
 
-# Attempts to find the longest stride; each can lengthen it fivefold.
+# Number of attempts to find the longest stride; each can lengthen it fivefold.
 _TRIALS = 12
 
 
@@ -47,10 +47,10 @@ def cheapest(
 ) -> tuple[Method, StepControl]:
     """Return the cheapest candidate for arcs of `arc` s from `phase` on, with a control that has learnt its step.
 
-    Candidates are tried in the given order, and only if the `rest` of the run (s) can repay the trial.
+    Candidates are tried in the given order, and only if the trial can pay off in the `rest` of the run (s).
 
     Raises:
-        ConvergenceError: none of them meets the accuracy; has the message of the first.
+        ConvergenceError: none of them meets the accuracy; with the message of the first.
     """
     best: tuple[float, Method, StepControl] | None = None
     failure: ConvergenceError | None = None

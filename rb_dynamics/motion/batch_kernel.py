@@ -1,10 +1,9 @@
 """Kernels for many bodies, each under a sequence of held wrenches: one call for all bodies and all intervals.
 
 `lanes` takes a block of bodies through each step side by side, so that the compiler vectorises over bodies. It copies
-the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache. That
-takes a step without loops and branches; `one_by_one` takes any step. Both give
-the same bits. A body whose step is refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts axes
-and times.
+the block onto the stack, where the compiler knows that rows do not overlap and the data fit the first-level cache. It
+needs a step without loops and branches; `one_by_one` accepts any step. Both give the same bits. A body whose step is
+refused becomes NaN, as in `fixed_step_kernel.py`. `run/ensemble.py` converts axes and times.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ LANES = 64
 """Bodies in a block: enough to hide the latency of divisions, few enough for the first-level cache."""
 
 FEWEST = 12
-"""Smallest number of bodies worth a block: a block takes about as long as this many bodies one by one."""
+"""Smallest number of bodies for which a block pays: it takes about as long as this many bodies one by one."""
 
 WORTH_A_THREAD = 20_000
-"""Number of steps that take much longer than starting a thread."""
+"""Number of steps for which starting a thread pays."""
 
 _WRENCH = "Array(float64, 3, 'A', True)"
 _SHARED = f"float64[:, ::1], float64, int64[::1], float64[::1], {', '.join(4 * (_WRENCH,))}"
@@ -62,16 +61,16 @@ _ONE_BY_ONE = f"void({_SHARED}, float64[:, ::1], float64[:, ::1], float64[:, ::1
 
 
 Loads = Sequence[Callable[[Point], Load] | None]
-"""What gives the load of a step from its first point, for each body; empty where there are no effects."""
+"""For each body, a function that returns the load of a step from its start; empty without effects."""
 
 
 class Schedule(NamedTuple):
-    """The steps of some intervals and what is held meanwhile.
+    """Steps and held wrenches of consecutive intervals.
 
     Attributes:
-        h: s, of full steps.
-        counts: (K,), full steps in each interval.
-        rests: (K,), s, of the shorter step at its end; 0 where there is none.
+        h: length of a full step, s.
+        counts: (K,), number of full steps in each interval.
+        rests: (K,), length of the shorter step at the end of the interval, s; 0 if there is none.
         force_body: (K, N, 3), N, body axes, through the centre of mass; of each interval and body.
         torque_body: likewise, N m, about the centre of mass.
         force_world: likewise, world axes.
@@ -93,7 +92,7 @@ class Schedule(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """Steps of each body."""
+        """Number of steps of each body."""
         import numpy as np
 
         return int(np.add.reduce(self.counts)) + int(np.count_nonzero(self.rests))
@@ -152,9 +151,9 @@ def lanes(
     first: int,
     last: int,
 ) -> bool:
-    """The same without a trace, `LANES` bodies at a time; the last block is padded with the last body.
+    """Do the same without a trace, `LANES` bodies at a time; the last block is padded with the last body.
 
-    Return whether every number is finite, and their sum too.
+    Return whether every number, and their sum, is finite.
     """
     c = block(CONSTANTS, LANES)
     s = block(PHASE, LANES)
@@ -225,10 +224,10 @@ def _all_finite(s: Numbers, sums: Numbers) -> bool:
 
 
 class Mover:
-    """One method, for many bodies."""
+    """Moves many bodies by one method."""
 
     def __init__(self, method: Method, *, effects: bool = False) -> None:
-        """Compile nothing yet; with `effects` it is for bodies that have some."""
+        """Prepare, without compiling. `effects`: for bodies with effects."""
         self._plain = fixed_step_kernel.plain(method, fixed_step_kernel.load_in_plain)
         lane_step = None if effects else _LANE_STEPS.get(method.name)
         self._lanes = _on_demand(lanes, _LANES, method.name, lane_step)
@@ -239,7 +238,7 @@ class Mover:
 
     @property
     def kernels(self) -> tuple[fixed_step_kernel.OnDemand | None, ...]:
-        """Those of blocks and of single bodies."""
+        """The kernels for blocks and for single bodies."""
         return self._lanes, self._one_by_one
 
     def move(
@@ -254,13 +253,14 @@ class Mover:
         """Write the state of all bodies after `schedule` to `after`; `state` is unchanged.
 
         Args:
-            properties: (N, 8 or more), for each body mass, principal moments, rotation from principal to body axes; at
+            properties: (N, 8 or more), for each body mass, principal moments, rotation from principal to body axes, and
+            at
                 the end the numbers of its effects.
             schedule: steps and wrenches.
             state: (N, `PHASE`).
             after: same shape.
-            threads: at most this many; the bits do not depend on it.
-            loads: of the effects of each body, in plain Python.
+            threads: largest number of threads; the bits do not depend on it.
+            loads: functions for the effects of each body in plain Python.
 
         Raises:
             ConvergenceError: a step of a body cannot be solved; names the first such body.
@@ -304,7 +304,7 @@ class Mover:
         single = None if self._one_by_one is None else self._one_by_one.get(schedule.steps, schedule.steps)
         if single is not None:
             single(properties, *schedule, state, np.empty_like(state), trace, 0, 1)
-            # A number that is not finite stays so, so the last state shows it.
+            # A number that is not finite stays so: checking the last state is enough.
             good = intervals
             if len(_not_finite(trace[-1:])) > 0:
                 good = int(_not_finite(trace)[0])
@@ -402,7 +402,7 @@ def _each(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) ->
     try:
         return [do(parts[0]), *(other.result() for other in others)]
     finally:
-        # Even after an error, no thread may still write to the arrays when this returns.
+        # Wait for all threads, even after an error: none may write to the arrays after this function returns.
         wait(others)
 
 
@@ -412,12 +412,12 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # A forked child inherits the pool, but not its threads.
+    # A forked process inherits the pool, but not its threads.
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def _not_finite(state: Numbers) -> Counts:
-    """Return the bodies with a number that is not finite; checking the sum first is cheaper than 35 checks."""
+    """Return the bodies with a number that is not finite; one check of the sum first saves 35 checks."""
     import numpy as np
 
     with np.errstate(all="ignore"):

@@ -17,7 +17,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, sca
 
 
 def is_free(held: HeldWrench) -> bool:
-    """Return whether the motion under `held` is free: no torque, and no force except one constant in the world."""
+    """Return whether the motion under `held` is free: no torque, and no force except one constant in world axes."""
     return held.torque_body == held.torque_world == held.force_body == ZERO
 
 
@@ -29,7 +29,7 @@ def has_closed_form(held: HeldWrench, orientation: Quaternion, angular_velocity:
 def free_step(
     inertia: Inertia, held: HeldWrench, h: float, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> Increment:
-    """Return the increment of h s of free rotation, with a force that is constant in the world."""
+    """Return the increment of h s of free rotation, under a force that is constant in world axes."""
     turn, omega = free_rotation(inertia.moments, angular_velocity, h)
     displacement = add_scaled(scale(h, velocity), 0.5 * h * h / inertia.mass, held.force_world)
     return Increment(

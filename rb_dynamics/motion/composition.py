@@ -42,7 +42,7 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         source: reference for the coefficients.
     """
 
-    # In a kernel this is the step of `base` itself, which does not raise.
+    # A kernel has the step of `base` itself here, which does not raise.
     @wraps(base.step)
     def stage(
         inertia: Inertia,
@@ -67,8 +67,8 @@ def compose(name: str, order: int, base: Method, coefficients: tuple[float, ...]
         angular_velocity: Vector,
         load: Load | None = None,
     ) -> Increment:
-        # Relative to the axes of R0 and to an observer who moves with `velocity`: small numbers have small rounding
-        # errors.
+        # Relative to the axes of R0 and to an observer who moves with `velocity`, so that numbers and their rounding
+        # errors are small.
         here = HeldWrench(
             held.force_body,
             held.torque_body,

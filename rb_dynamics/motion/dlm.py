@@ -52,7 +52,7 @@ def flow(moments: Vector, orientation: Quaternion, angular_velocity: Vector, t: 
 
 
 def _exp(v: Vector) -> Quaternion:
-    """Return `rotation.exp`, without a call of the C library."""
+    """As `rotation.exp`, without calling the C library."""
     angle = norm(v)
     sine, cosine = sincos(0.5 * angle)
     s = sine / angle if angle > 0.0 else 0.5
@@ -152,4 +152,4 @@ def _then(before: _Run, name: str, stage: tuple[float, float]) -> _Run:
 
 
 LANE_STEPS = {name: _lane_step(name) for name in _STAGES}
-"""The same steps under a held wrench, without a loop."""
+"""The same steps under a held wrench, without a loop, for many bodies at once."""

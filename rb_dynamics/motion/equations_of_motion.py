@@ -1,4 +1,4 @@
-"""Terms of the equations of motion in principal axes, shared by the Runge-Kutta methods and the bookkeeping."""
+"""Terms of the equations of motion in principal axes, shared by the Runge-Kutta methods and the samples."""
 
 from __future__ import annotations
 

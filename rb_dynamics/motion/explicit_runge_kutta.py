@@ -1,4 +1,4 @@
-"""Shared by explicit Runge-Kutta methods of high order: the equations in increments, and the sums of a step.
+"""Common parts of explicit Runge-Kutta methods of high order: the equations in increments, and the sums of a step.
 
 The equations are those of `rk4`, but the attitude is relative to the axes R0 at the start of the step, and velocity and
 position are relative to an observer who moves along. The increments are small, and so are their rounding errors. Under
@@ -50,10 +50,10 @@ class Slope(NamedTuple):
     """Rates at a stage.
 
     Attributes:
-        turn: of the state.
-        push: the force, without the constant force in the world; axes R0.
+        turn: rates of quaternion and angular velocity.
+        push: the force, without the constant force in world axes; axes R0.
         gain: change of velocity since the start, m/s; axes R0; zero without a load.
-        twist: the torque, without the constant torque in the world; axes R0.
+        twist: the torque, without the constant torque in world axes; axes R0.
         power: of the torques, and with a load also of the forces.
     """
 
@@ -198,7 +198,7 @@ def _slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load:
         force, more = evaluated(load, ahead, place, v, multiply(f.orientation, turn), omega)
         push, torque = add(push, rotate_inverse(f.orientation, force)), add(torque, more)
     all_torque = torque
-    # Rare; checking first would delay everything that follows in the stage.
+    # Rare; checking earlier would delay all later operations of the stage.
     if f.held.torque_world != ZERO:
         all_torque = add(torque, turned((-x, -y, -z, q[3]), twice, f.torque_0))
     omega_dot = times(add(all_torque, gyroscopic(f.differences, omega)), f.inverse)

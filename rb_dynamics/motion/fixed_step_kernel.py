@@ -1,12 +1,13 @@
 """Kernels for fixed steps: many steps of one length in one compiled call.
 
 The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
-bits. It pays once the steps taken and known to come would take plain Python as long as loading the kernel from the
-cache (a tenth of a second). A kernel that is not there yet is meanwhile compiled by another process. The environment
-variable `RB_DYNAMICS_COMPILE` overrides that: `never`, `always` (at the first step, by this process) or `auto` (the
+bits. It pays if the steps so far and those known to come take plain Python longer than loading the kernel from the
+cache (a tenth of a second). If the cache lacks a kernel, another process compiles it meanwhile. The environment
+variable `RB_DYNAMICS_COMPILE` overrides this: `never`, `always` (at the first step, by this process) or `auto` (the
 default).
 
-Effects of the package have kernels of their own (`loads/compiled_load.py`); other loads that vary in the step do not.
+Scenes with effects of this package have kernels of their own (`loads/compiled_load.py`). Other loads that vary within a
+step have none.
 
 A kernel does not raise: non-finite numbers propagate to its end, where the caller notices them and repeats the steps in
 plain Python, which raises the error.
@@ -53,24 +54,24 @@ if TYPE_CHECKING:
     from rb_dynamics.numerics.object_code import Native
 
 WITH_EFFECTS = "_with_effects"
-"""Ends the names of kernels for scenes that have some."""
+"""Suffix of the names of kernels for scenes with effects."""
 
 PRICE_OF_EFFECTS = 1.5
-"""How much dearer they make a step in plain Python."""
+"""Factor by which effects lengthen a step in plain Python."""
 
 LONGEST_STRETCH = 10_000
-"""Steps per call: more would save nothing, and all are repeated if one of them is refused."""
+"""Largest number of steps in a call: more would save nothing, and all are repeated if one of them is refused."""
 
 WORTH_COMPILING = 200_000
 """Number of `rk4` steps that take as long in plain Python as compiling a kernel: 2 to 6 s."""
 
 WORTH_LOADING = 2_000
-"""The same for loading a kernel from the cache, and with the first of them LLVM: 0.08 s."""
+"""The same for loading the first kernel from the cache, and with it LLVM: 0.08 s."""
 
-# And for loading another.
+# The same for loading another kernel.
 _WORTH_ANOTHER = 50
 
-# How often a kernel is asked for before it is checked whether another process has compiled it.
+# Number of requests for a kernel after which to check whether another process has compiled it.
 _ASKS = 200
 
 # Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
@@ -89,7 +90,7 @@ _PLAIN_PRICE = {
 
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
-# Arguments of a stretch: body and wrench, and the phase. Packing them like this takes a third of the time of
+# Arguments of a kernel: body and wrench, and the phase. Packing them like this takes a third of the time of
 # numpy.array.
 _NUMBERS, _PHASE = Struct(f"{CONSTANTS + PHASE}d"), Struct(f"{PHASE}d")
 _log = logging.getLogger(__name__)
@@ -129,7 +130,7 @@ def _step(*arguments: Any) -> Increment:
 
 
 def no_load(_effects: Any, _high: Sums, _low: Sums) -> EffectLoad | None:
-    """Return none; a kernel for scenes with effects has `load_of_effects` in its place."""
+    """Return None; a kernel for scenes with effects has `load_of_effects` in place of this function."""
     return None
 
 
@@ -152,7 +153,7 @@ def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
 
 
 def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Sums) -> Load | None:
-    """Return the load of a step that starts with these sums, by what effects are in plain Python."""
+    """Return the load of a step that starts with these sums; effects in plain Python."""
     if load_from is None:
         return None
     start = load_of_effects(load_from, high, low)
@@ -160,18 +161,18 @@ def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Su
 
 
 def plain(method: Method, load: Callable[..., Any] = no_load) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
-    """Return `run` for `method`, in plain Python; `load` makes the load of a step of its argument `effects`."""
+    """Return `run` for `method`, in plain Python; `load` computes the load of a step from the argument `effects`."""
     return specialise(run, f"run_{method.name}", _step=method.step, _load=load)
 
 
 class Tally:
     """Counts steps taken without kernels, to decide whether one is worth compiling; shared by all runs of a process.
 
-    A run within `counted_by` a tally of its own decides as if it were alone in its process, whatever is loaded.
+    A run within `counted_by(tally)` decides as if it were alone in its process, whatever is loaded.
 
     Attributes:
-        used: the kernels that were worth it.
-        built: time (s) to compile or load each of them, by name.
+        used: the kernels that paid.
+        built: time (s) to compile or load each kernel, by name.
     """
 
     def __init__(
@@ -184,16 +185,17 @@ class Tally:
         *,
         beside: bool = False,
     ) -> None:
-        """Start without steps.
+        """Start counting.
 
         Args:
-            scale: what each step counts for, if only a part of a run is executed.
-            worth: steps that compiling is worth, in place of `WORTH_COMPILING`; if infinite, loading is not worth it
+            scale: weight of each step, if only a part of a run is executed.
+            worth: number of steps for which compiling pays, in place of `WORTH_COMPILING`; if infinite, loading does
+            not pay
                 either.
-            clock: s.
-            built: receives the times.
+            clock: returns the time, s.
+            built: receives the times to compile or load.
             compiling: called with the name of a kernel before it is compiled (not when it is loaded from the cache).
-            beside: let another process compile, where there is one.
+            beside: let another process compile, if there is one.
         """
         self.used: set[OnDemand] = set()
         self.built = {} if built is None else built
@@ -203,7 +205,7 @@ class Tally:
 
     @property
     def asked(self) -> bool:
-        """Whether there was anything that a kernel could do."""
+        """Whether any kernel was requested."""
         return bool(self.used or self._steps)
 
     def miss(self, kernel: OnDemand, steps: float) -> None:
@@ -211,7 +213,7 @@ class Tally:
         self._steps[kernel] = self._steps.get(kernel, 0.0) + steps
 
     def expected(self, kernel: OnDemand, ahead: float) -> float:
-        """Return how many steps there will be, at least."""
+        """Return the least number of steps to expect."""
         steps = self._steps.get(kernel, 0.0) + ahead
         return steps if steps <= _TELLS_NOTHING else steps * self._scale
 
@@ -225,7 +227,7 @@ _tally = ContextVar("_tally", default=_of_the_process)
 
 @contextlib.contextmanager
 def counted_by(tally: Tally) -> Iterator[None]:
-    """Let `tally` decide what is worth compiling in this context; `RB_DYNAMICS_COMPILE` still applies."""
+    """Let `tally` decide in this context which kernels to compile; `RB_DYNAMICS_COMPILE` still applies."""
     token = _tally.set(tally)
     try:
         yield
@@ -234,33 +236,34 @@ def counted_by(tally: Tally) -> Iterator[None]:
 
 
 class OnDemand:
-    """A function that is compiled when that pays."""
+    """A function that is compiled once that pays."""
 
     def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
-        """Compile nothing yet.
+        """Prepare, without compiling.
 
         Args:
-            method: the method that it belongs to.
-            function: to be compiled; cached by its name.
-            signature: its types, in the words of numba.
-            price: cost of one call per step in plain Python, in steps of the method.
+            method: the method that the function belongs to.
+            function: the function to compile; cached by its name.
+            signature: its types, as numba writes them.
+            price: cost of a call for one step in plain Python, in steps of the method.
         """
         self._method, self._function, self._signature = method, function, signature
         self._price = price * _PLAIN_PRICE.get(method, 1.0)
         self._compiled: Native | None = None
         self._given_up = False
-        # How often it may still be asked for before it is checked again.
+        # Number of requests until the next check whether another process has compiled it.
         self._look_after = 0
 
     @property
     def name(self) -> str:
-        """The name under which it is kept."""
+        """Name in the cache."""
         return self._function.__name__
 
     def at_hand(self, missed: float) -> bool:
-        """Return whether there is nothing to compile, and LLVM has been loaded.
+        """Return whether the function is compiled and LLVM loaded, so that using it costs nothing.
 
-        If not, `missed` steps will be taken without it, and count: another process compiles what is missed often.
+        If not, `missed` steps will be taken without it. They are counted, and another process compiles what is missed
+        often.
         """
         tally = _tally.get()
         if self in tally.used or (tally.used and is_cached(self.name)):
@@ -268,9 +271,9 @@ class OnDemand:
         return tally.beside and _when() == "auto" and self.get(missed, missed) is not None
 
     def get(self, ahead: float, missed: float) -> Native | None:
-        """Return the compiled function; None if it is not worth compiling for `ahead` more steps.
+        """Return the compiled function; None if compiling does not pay for `ahead` more steps.
 
-        In that case `missed` of them will be taken without it.
+        In that case, `missed` of them will be taken without it.
         """
         when, tally = _when(), _tally.get()
         if when == "never" or tally.worth == math.inf:
@@ -289,7 +292,7 @@ class OnDemand:
         return None
 
     def _is_worth(self, tally: Tally, ahead: float) -> bool:
-        """Return whether it is to be compiled now, or loaded; where another process is to compile it, ask that."""
+        """Return whether to compile or load it now. If another process is to compile it, send the request."""
         if self._given_up or not available():
             return False
         if _when() == "cached" and not is_cached(self.name):
@@ -297,7 +300,7 @@ class OnDemand:
             return False
         steps = tally.expected(self, ahead)
         if steps >= (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
-            # To look for a file takes as long as half a step.
+            # Looking for a file takes as long as half a step.
             self._look_after -= 1
             if self._look_after > 0 and tally.beside:
                 return False
@@ -315,7 +318,7 @@ class OnDemand:
         _log.warning("%s runs in plain Python: %s", self._method, reason)
 
     def build(self, tally: Tally) -> None:
-        """Compile or load it, unless it is there.
+        """Compile or load the function, unless this has been done.
 
         Raises:
             ImportError, RuntimeError: as `compile_kernel`.
@@ -329,10 +332,10 @@ class OnDemand:
 
 
 class Kernel(OnDemand):
-    """The stretches of one method."""
+    """Kernel for fixed steps of one method."""
 
     def __init__(self, method: Method, *, effects: bool = False) -> None:
-        """Compile nothing yet; with `effects` it is for scenes that have some."""
+        """Prepare, without compiling. `effects`: for scenes with effects."""
         name, run = f"{_run_on_numbers.__name__}_{method.name}", plain(method)
         if effects:
             name += WITH_EFFECTS
@@ -353,8 +356,8 @@ class Kernel(OnDemand):
     ) -> PhaseState | None:
         """Return the phase after n steps of h s; None if they must be taken in plain Python.
 
-        That is so if a step is refused, or if compiling is not worth it for `ahead` more steps; then `missed` of them
-        are taken before the next call.
+        That is so if a step is refused, or if compiling does not pay for `ahead` more steps; then `missed` of them are
+        taken before the next call.
         """
         compiled = self.get(ahead, missed)
         if compiled is None:
@@ -379,7 +382,7 @@ def compiles(method: Method, *, effects: bool = False) -> bool:
 
 
 def takes_compiled(method: Method, takes: LoadDependence) -> bool:
-    """Return whether the kernels of `method` take effects that depend on `takes`."""
+    """Return whether the kernels of `method` support effects that depend on `takes`."""
     return method.takes >= takes and compiles(method, effects=True)
 
 
@@ -390,7 +393,7 @@ def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
 
 
 def longest_in_plain(method: Method, worth: float) -> float:
-    """Return the steps of `method` that take as long as `worth` of `rk4` do; inf if it has no kernel."""
+    """Return the number of steps of `method` that take as long as `worth` steps of `rk4`; inf without a kernel."""
     if _when() == "never" or not available() or not method.compiles:
         return math.inf
     return worth / _PLAIN_PRICE.get(method.name, 1.0)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """States at the requested times; the leading axes are those of the times.
+    """States at the requested times; the leading dimensions of the arrays are those of the times.
 
     Attributes:
         position_world: (..., 3), of the body origin, m.
@@ -43,11 +43,11 @@ class FreeMotion:
 
 
 def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
-    """Return the torque-free motion of `body` that passes through `state`, at times `t` (s, from there, any sign).
+    """Return the torque-free motion of `body` that passes through `state`, at times `t` (s, relative to it, any sign).
 
-    Constant work for each time; `t` is a number or an array of any shape. The error of the attitude is below
-    100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `free_rotation`; the same to the bit,
-    compiled by numba or not (`fixed_step_kernel.py`).
+    `t` is a number or an array of any shape; each time takes the same amount of work. The error of the attitude is
+    below 100 eps (1 + |w| t), those of energy and |L| are below 20 eps, see `free_rotation`. Compiled code gives the
+    same bits as plain Python (`fixed_step_kernel.py`).
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -59,7 +59,7 @@ def free_motion(body: RigidBody, state: State, t: npt.ArrayLike) -> FreeMotion:
 
     require_body(body)
     state = instance(state, State, "state", "make one with State(...), or take scene.initial").checked("state")
-    # A copy, because the kernel takes no read-only array.
+    # A copy, because the kernel accepts no read-only array.
     times = np.array(as_array(t, "t", "a time or times (s)"))
     rate, longest = norm(state.angular_velocity_body), float(np.abs(times).max(initial=0.0))
     if not longest * rate < LARGEST_FREE_TURN:
@@ -90,7 +90,7 @@ def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
         compiled(np.array(numbers), times, table)
         if np.isfinite(table).all():
             return table
-    # Errors are raised here.
+    # Plain Python, which raises the errors.
     rows = [0.0] * (_ROW * times.size)
     _free_states(numbers, times.tolist(), rows)
     table = np.array(rows)
@@ -108,9 +108,9 @@ _ROW = 13
 def _free_states(numbers: Sequence[float], times: Sequence[float], rows: MutableSequence[float]) -> None:
     """Write position, attitude, velocity and angular velocity, of body origin and axes, at each of `times`.
 
-    `numbers` are the principal moments; then, at the start, angular velocity in principal axes, attitude of the
-    principal axes, position and velocity of the centre of mass; then position of the centre of mass and orientation of
-    the principal axes in the body.
+    `numbers` are the principal moments; the initial angular velocity in principal axes, attitude of the principal axes,
+    position and velocity of the centre of mass; and the position of the centre of mass and orientation of the principal
+    axes in the body.
     """
     c = numbers
     moments, spin, start = (c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8], c[9])

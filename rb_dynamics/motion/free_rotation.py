@@ -33,8 +33,8 @@ _SLOWEST = 1e-250
 class _Tumble(NamedTuple):
     """A free rotation that is not a spin about a fixed axis, in axes a, b, c.
 
-    b is the middle axis and c the one about which the body goes round: the axis of the largest moment where
-    L^2 > 2 T I_b, else of the smallest. The signs make the axes right-handed with w_c > 0 and w_a >= 0. Then
+    b is the middle axis, and c the axis that the polhode encircles: that of the largest moment if L^2 > 2 T I_b, else
+    of the smallest. The signs make the axes right-handed with w_c > 0 and w_a >= 0. Then
 
         w = (A cn u, B sn u, C dn u),  u = u0 + rate t.
 
@@ -50,7 +50,7 @@ class _Tumble(NamedTuple):
         beta: (I_b B / I_a A)^2 >= 1.
         g: (beta - 1)(beta - m1)/beta.
         momentum: |L|.
-        gain: of the azimuth's integral, L (I_b - I_a) / (I_a I_b rate).
+        gain: factor of the integral for the azimuth, L (I_b - I_a) / (I_a I_b rate).
     """
 
     axes: _Axes
@@ -68,7 +68,7 @@ class _Tumble(NamedTuple):
 
 
 def free_rotation(moments: Vector, angular_velocity: Vector, t: float) -> tuple[Quaternion, Vector]:
-    """Return the rotation r during the first t s, q(t) = q(0) r, and the angular velocity after them.
+    """Return the rotation r during the first t s, q(t) = q(0) r, and the angular velocity at their end.
 
     Moments in kg m^2, angular velocities in principal axes, rad/s; t of any sign. The error of the attitude is below
     100 eps (1 + |w| t), those of energy and |L| are below 20 eps.
@@ -118,8 +118,8 @@ def _balanced(moments: Vector, start: Vector, w: Vector) -> Vector:
     """Return w corrected so that 2T = w . I w and L^2 = |I w|^2 are those at `start` again.
 
     Rounding of the closed form is biased by some hundredths of a unit in the last place; in n steps that adds up like
-    n, not like its root. The correction is the shortest, across the polhode; one that is larger than round-off is not
-    applied, so that a real error stays visible.
+    n, not like its root. The correction is the shortest possible, perpendicular to the polhode. One that is larger than
+    round-off is not applied, so that a real error stays visible.
     """
     gained = times(times(moments, subtract(w, start)), add(w, start))
     energy, square = gained[0] + gained[1] + gained[2], dot(moments, gained)
@@ -151,7 +151,7 @@ def _stays(body: _Tumble, t: float) -> bool:
 _STEADY = _Tumble(((0, 1.0), (1, 1.0), (2, 1.0)), ZERO, ZERO, 0.0, 0.0, 0.0, 0.0, ZERO, 0.0, 0.0, 0.0, 0.0)
 
 
-# An arc is often evaluated many times from one start.
+# Cached, because an arc is often evaluated many times from one start.
 @cached_results(8)
 def _tumble(moments: Vector, w: Vector) -> _Tumble:
     low, middle, high = 0, 1, 2
@@ -240,7 +240,7 @@ def _tumble_at(body: _Tumble, t: float) -> tuple[Quaternion, Vector]:
 
 
 class _Angles(NamedTuple):
-    """Values for the attitude at one u: direction of the angular momentum (theta, chi), and the azimuth's integral."""
+    """Values for the attitude at one u: direction of the angular momentum (theta, chi), integral for the azimuth."""
 
     sn: float
     cn: float

@@ -1,7 +1,7 @@
-"""States beside those of the body, such as the speeds of wheels: integrated by the stages of the same method.
+"""Inner states, in addition to those of the body, such as the momenta of wheels: integrated by the same method.
 
-They are stored after the sums of a `PhaseState`. Each stage computes them with the method's own tableau, so the method
-integrates body and states as one system.
+They are stored after the sums of a `PhaseState`. Each stage computes them with the method's own tableau, so that the
+method integrates body and inner states as one system.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from rb_dynamics.numerics.vector import Vector, add_scaled
 
 
 class StatefulLoad(Protocol):
-    """A load with states of its own.
+    """A load with inner states.
 
     Attributes:
-        states: at the start of the step.
+        states: the inner states at the start of the step.
     """
 
     states: Sums
@@ -37,7 +37,7 @@ class StatefulLoad(Protocol):
         """Return force and torque, as a `Load` does, and the rates of the states."""
 
     def turned(self, states: Sums) -> Vector:
-        """Return the angular velocity (rad/s, principal axes) that a difference of states may mean to the body."""
+        """Return the change of angular velocity (rad/s, principal axes) to which a difference of states corresponds."""
 
 
 class StagedLoad:
@@ -63,9 +63,9 @@ class StagedLoad:
         return _with_states(before, after, self._sum(self._tableau.weights))
 
     def compared(self, before: PhaseState, other: PhaseState) -> PhaseState:
-        """Return the comparison of an embedded pair, off by the estimated error of the states too.
+        """Return the second result of an embedded pair, with the estimated error of the inner states added.
 
-        That is added to the angular velocity, by which alone steps are judged.
+        It is added to the angular velocity, because step control compares only body states.
         """
         fifth, third = (self._sum(weights) for weights in self._tableau.errors)
         off = tuple([difference(a, b) for a, b in zip(fifth, third, strict=True)])
@@ -82,8 +82,8 @@ class StagedLoad:
 
 
 def staged(load: Load, h: float, tableau: SparseTableau) -> Load:
-    """Return `load` for a step of h s: itself where it has no states."""
-    # Every step asks, and a runtime protocol is slow to check.
+    """Return `load` for a step of h s: itself if it has no inner states."""
+    # Called at every step; checking a runtime protocol would be slow.
     return StagedLoad(cast(StatefulLoad, load), h, tableau) if hasattr(load, "states") else load
 
 
@@ -94,7 +94,7 @@ def difference(fifth: float, third: float) -> float:
 
 
 def _with_states(before: PhaseState, after: PhaseState, gained: Sequence[float]) -> PhaseState:
-    """Return `after` with the states of `before` and what they have gained, by two-sum as other sums."""
+    """Return `after` with the states of `before` increased by `gained`, added by two-sum like the other sums."""
     count = len(after.high)
     high, low = list(after.high), list(after.low)
     for a, rest, b in zip(before.high[count:], before.low[count:], gained, strict=True):

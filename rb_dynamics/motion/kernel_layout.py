@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
 Constants = tuple[Inertia, HeldWrench]
-"""Constant from step to step: body and held wrench."""
+"""What is constant from step to step: body and held wrench."""
 
 CONSTANTS = 16
-"""Numbers of them: mass, principal moments, force and torque in principal axes, force and torque in world axes."""
+"""Number of constants: mass, principal moments, force and torque in principal axes, force and torque in world axes."""
 
 PHASE = 35
-"""Numbers of a phase: attitude, angular velocity, high sums, low sums; see `PhaseState`."""
+"""Size of a phase: attitude, angular velocity, high sums, low sums; see `PhaseState`."""
 
 
 def constant_numbers(inertia: Inertia, held: HeldWrench) -> tuple[float, ...]:
@@ -93,7 +93,7 @@ def write_phase(numbers: Numbers, i: int, phase: PhaseState) -> None:
         numbers[i + 21 + k] = phase.low[k]
 
 
-# In tuples, as in `run` of a kernel, and without a loop: vectorised code must not process bodies one by one.
+# Tuples, as in `run` of a kernel, and no loop, so that the compiler can vectorise over bodies.
 def phase_in(rows: Numbers, i: int) -> tuple[Quaternion, Vector, Sums, Sums]:
     """Return attitude, angular velocity, high and low sums in column i."""
     s = rows

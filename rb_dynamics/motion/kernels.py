@@ -1,4 +1,4 @@
-"""All kernels by name, to compile them ahead."""
+"""All kernels by name, to compile them in advance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rb_dynamics.motion.variational_equations import VARIATIONAL
 
 
 def usual_kernels() -> dict[str, OnDemand]:
-    """Return those of runs by `auto` under wrenches and under all effects, and of `identify`."""
+    """Return the kernels of runs by `auto` under wrenches and under all effects, and of `identify`."""
     of_methods = [each for name in CANDIDATES[LoadDependence.HELD] for each in _of(METHODS[name])]
     under_effects = dict.fromkeys(CANDIDATES[LoadDependence.FIELD] + CANDIDATES[LoadDependence.ANY])
     of_methods += [each for name in under_effects for each in _of(METHODS[name], effects=True)]
@@ -27,7 +27,7 @@ def usual_kernels() -> dict[str, OnDemand]:
 
 
 def all_kernels() -> dict[str, OnDemand]:
-    """Return all that there are, those of plug-ins included."""
+    """Return all kernels, those of plug-ins included."""
     methods = METHODS.usable()
     others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m), *_with_wheels(m)))
     return usual_kernels() | _by_name([FREE_STATES, *others])

@@ -48,7 +48,7 @@ Weights = tuple[tuple[int, float], ...]
 
 
 class SparseTableau(NamedTuple):
-    """An explicit Runge-Kutta method: one row of weights for each stage, those of the result, and of its two errors."""
+    """An explicit Runge-Kutta method: the weights of each stage, of the result, and of its two error estimates."""
 
     rows: tuple[Weights, ...]
     weights: Weights
@@ -104,16 +104,17 @@ class Pair(Protocol):
 LongestStep = Callable[[Inertia, HeldWrench, Vector, Quaternion, Vector, float, float], float]
 
 
-# By identity: kernels are looked up by method at every arc, and to hash a tableau takes longer than a step.
+# Compared by identity: kernels are looked up by method at every arc, and hashing a tableau takes longer than a step.
 @dataclass(frozen=True, slots=True, eq=False)
 class Method:
     """A method of integration.
 
     Attributes:
         name: as in `solver.method`.
-        order: after a fixed time the error of attitude, rate, position, booked work and impulses is O(h^order); None
-            for a closed form, whose error does not depend on h and which takes an arc in one step.
-        invariants: what free motion conserves to round-off, of "energy", "angular_momentum" and "unit_quaternion".
+        order: after a fixed time the error of attitude, rate, position, work and impulses is O(h^order); None for a
+        closed
+            form, whose error does not depend on h and which takes an arc in one step.
+        invariants: what free motion conserves to round-off: any of "energy", "angular_momentum" and "unit_quaternion".
         step: the method itself; its docstring names the source.
         longest_step: for a method that knows its own error: the longest step (s) that adds at most accuracy * step /
             horizon to the error at the end; None if steps must be compared for that.
@@ -121,8 +122,8 @@ class Method:
         pair: for an embedded pair, the step with its comparison; None if steps must be compared.
         compiles: whether numba can compile `step`, `longest_step` and `pair` under a held wrench; the kernel cache
             identifies a step by the name of the method.
-        compiles_loads: if it can, whether also under the loads that it takes.
-        tableau: of a method that takes a load with states of its own.
+        compiles_loads: if so, whether also under the loads that it takes.
+        tableau: the tableau of a method that takes a load with inner states.
     """
 
     name: str

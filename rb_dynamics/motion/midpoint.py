@@ -184,7 +184,7 @@ def _iterated(moments: Vector, m0: Vector, half_world: Vector, target: Vector, h
 
 
 def _written_out(moments: Vector, _m0: Vector, half_world: Vector, target: Vector, h: float) -> Vector:
-    """Return the same after at most four iterations, NaN if they are not enough."""
+    """Solve the same with at most four iterations, written out; return NaN if they are not enough."""
     w, size, done = _improved(moments, half_world, target, h, divide(target, moments), math.inf)
     w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
     w, size, done = _improved_unless(done, moments, half_world, target, h, w, size)
@@ -204,7 +204,7 @@ def _improved_unless(
 def _improved(
     moments: Vector, half_world: Vector, target: Vector, h: float, w: Vector, previous: float
 ) -> tuple[Vector, float, bool]:
-    """Return w after an iteration, its change, and whether it was the last; `previous` was the change before."""
+    """Return w after an iteration, its change, and whether it was the last; `previous` is the change before."""
     momentum = times(moments, w)
     lever = add(momentum, half_world)
     residual = subtract(add_scaled(momentum, 0.5 * h, cross(w, lever)), target)

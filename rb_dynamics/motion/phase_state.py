@@ -19,7 +19,7 @@ from rb_dynamics.numerics.vector import multiply as times
 
 SUMS = 14
 """Sums carried with compensation: position of the centre of mass, linear momentum, impulse, torque impulse (world axes,
-three each), work, and the time since the start; behind them come the states beside those of the body."""
+three each), work, and the time since the start. Inner states, such as those of wheels, follow them."""
 Sums = tuple[float, ...]
 POSITION, MOMENTUM, IMPULSE, TORQUE_IMPULSE = 0, 3, 6, 9
 """Offset of each of these vectors among the sums."""
@@ -63,11 +63,11 @@ class PhaseState(NamedTuple):
 
     @property
     def inner(self) -> Sums:
-        """States beside those of the body, such as those of wheels."""
+        """Inner states, such as those of wheels."""
         return tuple([a + b for a, b in zip(self.high[SUMS:], self.low[SUMS:], strict=True)])
 
     def with_inner(self, states: Sums) -> PhaseState:
-        """Return the same with these states beside those of the body."""
+        """Return the same phase with these inner states."""
         return self._replace(high=(*self.high[:SUMS], *states), low=(*self.low[:SUMS], *(0.0,) * len(states)))
 
     @property
@@ -120,11 +120,11 @@ class RoundingHistory(NamedTuple):
     """Quantities of a run, over all arcs, that bound the growth of rounding errors.
 
     Attributes:
-        arcs: their number.
+        arcs: number of arcs.
         turned: total rotation, rad.
         travelled: path of the centre of mass, m.
-        rates: sum of the rates at the starts of all arcs but the first, rad/s: at each start a rate is rounded.
-        speeds: the same of the speeds, m/s.
+        rates: sum of the angular rates at the starts of all arcs but the first, rad/s: at each start the rate is
+        rounded. speeds: the same sum of the speeds, m/s.
     """
 
     arcs: int = 0
@@ -134,12 +134,12 @@ class RoundingHistory(NamedTuple):
     speeds: float = 0.0
 
     def on(self, inertia: Inertia, start: PhaseState, end: PhaseState) -> RoundingHistory:
-        """Return the same with an arc from `start` to `end`, see `with_arc`."""
+        """Return the history with another arc from `start` to `end`, see `with_arc`."""
         return with_arc(self, inertia, start, end)
 
 
 def with_arc(before: RoundingHistory, inertia: Inertia, start: PhaseState, end: PhaseState) -> RoundingHistory:
-    """Return `before` with an arc from `start` to `end`; between them nothing is faster than at one of them."""
+    """Return `before` with another arc from `start` to `end`, assuming that the largest speeds are at its ends."""
     time = elapsed(end) - elapsed(start)
     rate, speed = norm(start.angular_velocity), norm(total(start, MOMENTUM)) / inertia.mass
     return RoundingHistory(
@@ -186,7 +186,7 @@ def total(phase: PhaseState, first: int) -> Vector:
 
 
 def gain(before: PhaseState, after: PhaseState, first: int) -> Vector:
-    """Return the change of the vector at offset `first` of the sums, however large its value."""
+    """Return the change of the vector at offset `first` of the sums, without cancellation."""
     a, b, c, d, i = after.high, after.low, before.high, before.low, first
     return (
         (a[i] - c[i]) + (b[i] - d[i]),
@@ -201,7 +201,7 @@ def elapsed(phase: PhaseState) -> float:
 
 
 def time_between(before: PhaseState, after: PhaseState) -> float:
-    """Return the time from one phase of a run to another, s, however late in the run."""
+    """Return the time from one phase of a run to another, s, without cancellation."""
     return (after.high[13] - before.high[13]) + (after.low[13] - before.low[13])
 
 

@@ -15,10 +15,10 @@ _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 
 
 
 def fixed_axis(held: HeldWrench, orientation: Quaternion, angular_velocity: Vector) -> int:
-    """Return the principal axis (0, 1 or 2) about which alone the body turns under `held`; -1 where there is none.
+    """Return the only principal axis (0, 1 or 2) about which the body turns under `held`; -1 if there is none.
 
-    To the bit: angular velocity and torque have that component alone, and so has a force in body axes, which would
-    otherwise turn with the body. Where nothing turns at all any axis will do.
+    Angular velocity and torque must have exactly this component alone, and so must a force in body axes, which would
+    otherwise turn with the body. If nothing turns at all, any axis is valid.
     """
     torque, force = _torque(held, orientation), held.force_body
     x = angular_velocity[0] != 0.0 or torque[0] != 0.0

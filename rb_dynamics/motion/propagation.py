@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
     Whole = npt.NDArray[np.int64]
 
-# An edge costs plain Python as much as so many steps of rk4.
+# Cost of an edge in plain Python, in steps of rk4.
 _PRICE_OF_AN_EDGE = 8
 _EXACT_WHOLE = 2**53
 
 
 class Edges(NamedTuple):
-    """Times at which something happens.
+    """Edges: times at which there is an output or the held wrench changes.
 
     Attributes:
         at: (K,), ns, growing.
-        kinds: (K,), `LOOK`, `CHANGE` or both.
-        held: (changes, 12), what is held from each change on, body parts in principal axes.
+        kinds: (K,), `OUTPUT`, `CHANGE` or their sum.
+        held: (changes, 12), the wrench held from each change on, body parts in principal axes.
     """
 
     at: Whole
@@ -43,38 +43,38 @@ class Edges(NamedTuple):
     held: Numbers
 
     @classmethod
-    def looks(cls, at: Whole) -> Edges:
-        """Return these times, at which nothing changes."""
+    def of_outputs(cls, at: Whole) -> Edges:
+        """Return edges for outputs at these times; the held wrench does not change."""
         import numpy as np
 
-        return cls(at, np.full(len(at), layout.LOOK, dtype=np.int64), np.empty((0, CONSTANTS - 4)))
+        return cls(at, np.full(len(at), layout.OUTPUT, dtype=np.int64), np.empty((0, CONSTANTS - 4)))
 
     def behind(self, index: int) -> Edges:
-        """Return the edges from that of this index on."""
+        """Return the edges from this index on."""
         changes = len((self.kinds[:index] & layout.CHANGE).nonzero()[0])
         return Edges(self.at[index:], self.kinds[index:], self.held[changes:])
 
     def before(self, index: int) -> Edges:
-        """Return the edges before that of this index."""
+        """Return the edges before this index."""
         return Edges(self.at[:index], self.kinds[:index], self.held)
 
 
-class Standing(NamedTuple):
-    """The present state of an arc, and its grid.
+class ArcState(NamedTuple):
+    """State of an arc and its grid.
 
     Attributes:
-        method: that moves the body.
-        control: that chooses its strides.
-        held: meanwhile.
-        start_ns: when it began.
-        phase: at the grid point that has been reached.
-        reached: length of the way there, in units of 1/denominator ns.
-        strides: that led there.
-        stride: length of the next one, 0 if it has not been chosen.
-        after: the phase at its end.
-        choose_after: strides after which a method is chosen again; 0 for never.
-        learnt: what the strides teach that time has gone into.
-        following: the same with the next one.
+        method: the method of the arc.
+        control: its step control.
+        held: the held wrench.
+        start_ns: start of the arc.
+        phase: the phase at the last grid point.
+        reached: time from the start to the last grid point, in units of 1/denominator ns.
+        strides: number of strides up to there.
+        stride: length of the next stride; 0 if it has not been chosen.
+        after: the phase at the end of the next stride.
+        choose_after: number of strides after which a method is chosen again; 0 for never.
+        learnt: learnt state of the step control after the strides that time has entered.
+        following: the same after the next stride.
     """
 
     method: Method
@@ -92,15 +92,15 @@ class Standing(NamedTuple):
 
 
 class Arcs(NamedTuple):
-    """The history of a run before an arc, and what decides how the next arcs are propagated.
+    """History of a run before the present arc, and rules for the next arcs.
 
     Attributes:
-        history: without the arc itself.
-        origin: the phase in which it began.
-        driven: how many behind it were not in closed form.
-        driven_by: method and control of those that are not in closed form; None if they have not been chosen.
-        may_close: whether those that have a closed form are propagated by it.
-        accuracy: which rounding must leave to a closed form.
+        history: of the arcs before the present one.
+        origin: the phase in which the present arc began.
+        driven: number of earlier arcs that were not in closed form.
+        driven_by: method and control of arcs that are not in closed form; None if they have not been chosen.
+        may_close: whether arcs that have a closed form are propagated by it.
+        accuracy: the accuracy that a closed form must reach in spite of rounding.
     """
 
     history: RoundingHistory
@@ -112,21 +112,21 @@ class Arcs(NamedTuple):
 
 
 class Propagated(NamedTuple):
-    """The result of a propagation.
+    """Result of a propagation.
 
     Attributes:
         reason: why it ended: `DONE`, `CHOOSE` or `STOPPED`.
-        edges: that lie behind.
-        changes: of them.
-        steps: of the arcs that have ended.
-        steps_here: to the last edge.
-        looks: (n, `PHASE`), the phases at the looks.
+        edges: number of edges that it passed.
+        changes: number of changes among them.
+        steps: number of steps of the arcs that have ended.
+        steps_here: number of steps to the last edge.
+        outputs: (n, `PHASE`), the phases at the outputs.
         here: the phase at the last edge.
-        closed: whether the arc is in closed form.
-        methods: names of those that have moved the body.
-        standing: of the arc.
-        length_ns: of the arc before it, where it began on the way.
-        arcs: what lies behind it.
+        closed: whether the present arc is in closed form.
+        methods: names of the methods used.
+        arc_state: state of the present arc.
+        length_ns: length of the arc before, if the present one began during the propagation.
+        arcs: history before the present arc.
     """
 
     reason: int
@@ -134,45 +134,48 @@ class Propagated(NamedTuple):
     changes: int
     steps: int
     steps_here: int
-    looks: Numbers
+    outputs: Numbers
     here: PhaseState
     closed: bool
     methods: tuple[str, ...]
-    standing: Standing
+    arc_state: ArcState
     length_ns: int
     arcs: Arcs
 
 
 def pays(edges: int) -> bool:
-    """Return whether the kernel is there for so many edges, or worth loading or compiling."""
+    """Return whether the kernel is loaded, or loading or compiling it pays for this number of edges."""
     return layout.PROPAGATE.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
 
 
 def propagate(
-    inertia: Inertia, standing: Standing, arcs: Arcs, edges: Edges, effects: tuple[float, ...] = ()
+    inertia: Inertia, arc_state: ArcState, arcs: Arcs, edges: Edges, effects: tuple[float, ...] = ()
 ) -> Propagated | None:
-    """Go from edge to edge as far as the kernel gets; None if it is not worth compiling or cannot count so far.
+    """Propagate from edge to edge, as far as the kernel can; None if it does not pay or the times are too large for it.
 
-    `effects` are the numbers of those that act all the way.
+    `effects` are the numbers of the effects, which act throughout.
     """
     import numpy as np
 
-    closed, driven_by = isinstance(standing.control, WholeArc), arcs.driven_by
-    grid = driven_by[1] if driven_by else standing.control
-    if not _countable(grid, int(edges.at[-1]) - standing.start_ns, int(edges.at[-1])):
+    closed, driven_by = isinstance(arc_state.control, WholeArc), arcs.driven_by
+    grid = driven_by[1] if driven_by else arc_state.control
+    if not _countable(grid, int(edges.at[-1]) - arc_state.start_ns, int(edges.at[-1])):
         return None
     kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects=bool(effects))
     if kernels is None:
         return None
-    f, w = _numbers(inertia, standing, arcs, grid, effects or NO_EFFECTS), _whole_numbers(standing, arcs, grid, closed)
-    rows = np.empty((int(np.count_nonzero(edges.kinds & layout.LOOK)), PHASE))
+    f, w = (
+        _numbers(inertia, arc_state, arcs, grid, effects or NO_EFFECTS),
+        _whole_numbers(arc_state, arcs, grid, closed),
+    )
+    rows = np.empty((int(np.count_nonzero(edges.kinds & layout.OUTPUT)), PHASE))
     run, *handed = kernels
     reason = run(f, w, edges.at, edges.kinds, edges.held, rows, *handed)
-    return _propagated(reason, f.tolist(), w.tolist(), rows, standing, arcs)
+    return _propagated(reason, f.tolist(), w.tolist(), rows, arc_state, arcs)
 
 
 def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
-    """Return whether lengths are counted exactly in 64 bits, and in doubles."""
+    """Return whether 64-bit integers, and doubles, represent all lengths exactly."""
     denominator = grid.denominator
     return max(abs(length_ns), abs(time_ns), 10**9) * denominator < _EXACT_WHOLE and (
         not isinstance(grid, FixedStep) or grid.length < _EXACT_WHOLE
@@ -182,7 +185,7 @@ def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
 def _kernels(
     driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, *, effects: bool
 ) -> list[Callable[..., Any]] | None:
-    """Return the kernel for propagation and those that it is handed; None if one is not worth compiling."""
+    """Return the kernel for propagation and the kernels that it calls; None if one of them does not pay."""
     steps: OnDemand | None = layout.CLOSED_FORM
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
@@ -191,13 +194,13 @@ def _kernels(
         fixed = isinstance(control, FixedStep)
         strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=effects)
     wanted = (layout.PROPAGATE, steps, strides, layout.CLOSED_FORM if closed else steps)
-    # All are asked for, so that all are there the next time.
+    # Request all of them, so that the next call finds all compiled.
     found = [None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0) for each in wanted]
     return [each for each in found if each is not None] if None not in found else None
 
 
 def _numbers(
-    inertia: Inertia, standing: Standing, arcs: Arcs, grid: StepControl, effects: tuple[float, ...]
+    inertia: Inertia, arc_state: ArcState, arcs: Arcs, grid: StepControl, effects: tuple[float, ...]
 ) -> Numbers:
     import numpy as np
 
@@ -207,38 +210,40 @@ def _numbers(
     if isinstance(grid, (AccuracyControl, OwnControl)):
         goal, learnt, following = grid.goal, grid.learnt, grid.following
     f[: layout.ROOM] = (
-        *constant_numbers(inertia, standing.held),
+        *constant_numbers(inertia, arc_state.held),
         *goal,
-        *phase_numbers(standing.phase),
+        *phase_numbers(arc_state.phase),
         *learnt,
-        *phase_numbers(standing.after),
+        *phase_numbers(arc_state.after),
         *following,
         arcs.accuracy,
         *arcs.history,
         *phase_numbers(arcs.origin),
-        *phase_numbers(standing.phase),
+        *phase_numbers(arc_state.phase),
     )
     return f
 
 
-def _whole_numbers(standing: Standing, arcs: Arcs, grid: StepControl, closed: bool) -> Whole:
+def _whole_numbers(arc_state: ArcState, arcs: Arcs, grid: StepControl, closed: bool) -> Whole:
     import numpy as np
 
     w = np.zeros(layout.WHOLE, dtype=np.int64)
-    w[layout.START], w[layout.REACHED] = standing.start_ns, standing.reached
-    w[layout.STRIDES], w[layout.STRIDE] = standing.strides, standing.stride
+    w[layout.START], w[layout.REACHED] = arc_state.start_ns, arc_state.reached
+    w[layout.STRIDES], w[layout.STRIDE] = arc_state.strides, arc_state.stride
     w[layout.DENOMINATOR], w[layout.PARTS] = grid.denominator, grid.parts
     w[layout.LENGTH] = grid.length if isinstance(grid, FixedStep) else 0
-    w[layout.CHOOSE_AFTER], w[layout.CLOSED], w[layout.MAY_CLOSE] = standing.choose_after, closed, arcs.may_close
+    w[layout.CHOOSE_AFTER], w[layout.CLOSED], w[layout.MAY_CLOSE] = arc_state.choose_after, closed, arcs.may_close
     w[layout.DRIVEN_ARCS], w[layout.BUDGET] = arcs.driven, 10 * LONGEST_STRETCH
     return w
 
 
-def _propagated(reason: int, f: list[float], w: list[int], rows: Numbers, standing: Standing, arcs: Arcs) -> Propagated:
+def _propagated(
+    reason: int, f: list[float], w: list[int], rows: Numbers, arc_state: ArcState, arcs: Arcs
+) -> Propagated:
     def phase(first: int) -> PhaseState:
         return phase_of(tuple(f[first : first + PHASE]))
 
-    closed, (method, control) = bool(w[layout.CLOSED]), (standing.method, standing.control)
+    closed, (method, control) = bool(w[layout.CLOSED]), (arc_state.method, arc_state.control)
     places = layout.GRID_POINT + PHASE, layout.AFTER + PHASE
     learnt, following = (Learnt(*f[at : at + len(Learnt._fields)]) for at in places)
     if arcs.driven_by is not None:
@@ -260,7 +265,7 @@ def _propagated(reason: int, f: list[float], w: list[int], rows: Numbers, standi
         phase(layout.HERE),
         closed,
         methods,
-        Standing(
+        ArcState(
             method,
             control,
             held,
@@ -270,7 +275,7 @@ def _propagated(reason: int, f: list[float], w: list[int], rows: Numbers, standi
             w[layout.STRIDES],
             w[layout.STRIDE],
             phase(layout.AFTER),
-            standing.choose_after,
+            arc_state.choose_after,
             learnt,
             following,
         ),

@@ -1,10 +1,10 @@
-"""The kernel of propagation: from edge to edge, across changes of what is held, in one compiled call.
+"""The kernel of propagation: from edge to edge, across changes of the held wrench, in one compiled call.
 
-An edge is a time at which something happens: a state is looked at, or what is held changes and a new arc begins. What
-happens in an arc is what `arc.py` does, to the same bits: steps lie on a grid that begins with the arc; an edge between
-two grid points is reached by a shorter step from the last one, which is then discarded. One kernel serves all methods:
-it is passed the kernel of the method. Where a step is refused or a method has to be chosen, it stops before the edge;
-plain Python goes on from there and raises the error.
+An edge is a time with an output, or one at which the held wrench changes and a new arc begins. Within an arc the kernel
+does what `arc.py` does, with the same bits: steps lie on a grid that begins with the arc; an edge between two grid
+points is reached by a shorter step from the last one, which is then discarded. One kernel serves all methods: it gets
+the kernel of the method as an argument. Where a step is refused or a method has to be chosen, it stops before the edge.
+Plain Python continues from there and raises the error.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     Numbers = npt.NDArray[np.float64]
     Whole = npt.NDArray[np.int64]
 
-LOOK, CHANGE = 1, 2
-"""What is done at an edge, added up: the state is kept, and what is held changes."""
+OUTPUT, CHANGE = 1, 2
+"""Kinds of edges: the state is an output; the held wrench changes. An edge that does both has their sum."""
 
 DONE, CHOOSE, STOPPED = 0, 1, 2
-"""Why the kernel returns: no edge is left, a method may be to choose, or it cannot get to the next edge."""
+"""Why the kernel returns: all edges are done, a method has to be chosen, or it cannot reach the next edge."""
 
-# Where things stand among the numbers that the kernel is handed, and puts back. The first are those of a kernel of
-# strides by accuracy: body and wrench, goal, the phase at the grid point, what is learnt, and both after the next
-# stride. Then what closed forms may round away, what lies behind, the phases where the arc began and at the last edge,
-# and room for the numbers of a kernel for fixed steps. At the end come those of the effects, where all kernels look.
+# Layout of the array of floats that the kernel reads and updates. It begins like that of a kernel for strides by
+# accuracy: body and wrench, goal, phase at the grid point, learnt state, and both after the next stride. Then: largest
+# rounding error allowed to a closed form, history, phases at the start of the arc and at the last edge, and room for
+# the numbers of a kernel for fixed steps. The numbers of the effects come last, where all kernels expect them.
 _LEARNT = len(Learnt._fields)
 GOAL = CONSTANTS
 GRID_POINT = GOAL + len(Goal._fields)
@@ -56,12 +56,14 @@ HERE = ORIGIN + PHASE
 ROOM = HERE + PHASE
 NUMBERS = ROOM + CONSTANTS + PHASE
 
-# And among the whole numbers: start of the arc (ns), length of the way to the grid point, strides that led there,
-# length of the next one (0 if it has not been chosen), all in units of 1/denominator ns, length of all strides (0 if
-# each is chosen), steps that are as accurate as a stride; the number of strides after which a method is chosen (0 for
-# never), whether the arc is in closed form, whether arcs may be, arcs behind that were not, start of the arc before;
-# strides that may still be taken; edges and changes that lie behind, steps of the arcs that have ended, all steps to
-# the last edge; whether a method led there, and whether a closed form did; time of the next edge.
+# Layout of the array of integers. Lengths are in units of 1/denominator ns.
+# START: start of the arc, ns. REACHED: time from there to the grid point. STRIDES: number of strides up to it. STRIDE:
+# length of the next stride (0 if it has not been chosen). LENGTH: length of all strides (0 if each is chosen). PARTS:
+# number of steps that are as accurate as a stride. CHOOSE_AFTER: number of strides after which a method is chosen (0
+# for never). CLOSED: whether the arc is in closed form. MAY_CLOSE: whether arcs may be. DRIVEN_ARCS: number of earlier
+# arcs that were not in closed form. BEFORE: start of the arc before. BUDGET: number of strides that may still be taken.
+# EDGES, CHANGES: numbers that have been passed. STEPS: number of steps of the arcs that have ended. STEPS_HERE: number
+# of steps to the last edge. BY_METHOD, BY_CLOSED_FORM: whether one led there. _AT: time of the next edge.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
 DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 21)
 
@@ -77,20 +79,20 @@ def propagate(
     strides: Callable[[Numbers, int, int], tuple[int, int, int]],
     in_closed_form: Callable[[Numbers, float, int], None],
 ) -> int:
-    """Go from edge to edge, and return why not further.
+    """Propagate from edge to edge, and return the reason for ending.
 
     Args:
-        f: numbers: see above.
-        w: whole numbers: see above.
-        at: (K,), ns, of the edges; they grow.
-        kinds: (K,), what is done at each.
-        held: (changes, 12), what is held from each change on, body parts in principal axes.
-        rows: (looks, `PHASE`): where the phase at each look is written.
+        f: floats, see above.
+        w: integers, see above.
+        at: (K,), times of the edges, ns, increasing.
+        kinds: (K,), kinds of the edges.
+        held: (changes, 12), the wrench held from each change on, body parts in principal axes.
+        rows: (outputs, `PHASE`), receives the phase at each output.
         steps: the kernel of the method for fixed steps.
-        strides: its kernel for strides by accuracy.
-        in_closed_form: as `steps`, for what has a closed form.
+        strides: the kernel of the method for strides by accuracy.
+        in_closed_form: as `steps`, for motion with a closed form.
     """
-    room, looks = f[ROOM:], 0
+    room, outputs = f[ROOM:], 0
     while w[EDGES] < len(at):
         w[_AT] = at[w[EDGES]]
         kind, target = kinds[w[EDGES]], (w[_AT] - w[START]) * w[DENOMINATOR]
@@ -112,9 +114,9 @@ def propagate(
             if w[MAY_CLOSE] != 0 and not closed and driven & (driven - 1) == 0:
                 return CHOOSE
         w[BY_METHOD if w[CLOSED] == 0 else BY_CLOSED_FORM] = 1
-        if kind & LOOK:
-            _copy(room, CONSTANTS, rows[looks], 0, PHASE)
-            looks += 1
+        if kind & OUTPUT:
+            _copy(room, CONSTANTS, rows[outputs], 0, PHASE)
+            outputs += 1
         _copy(room, CONSTANTS, f, HERE, PHASE)
         w[STEPS_HERE] = w[STEPS] + w[STRIDES] + (1 if target > w[REACHED] else 0)
         if kind & CHANGE:
@@ -124,7 +126,7 @@ def propagate(
 
 
 def _begin_arc(f: Numbers, w: Whole, here: PhaseState, held: Numbers, driven: int, closed: bool) -> None:
-    """Begin an arc at the edge, in the phase that has been reached."""
+    """Begin an arc at the edge, in the present phase."""
     inertia = Inertia(f[0], (f[1], f[2], f[3]))
     course = RoundingHistory(f[HISTORY], f[HISTORY + 1], f[HISTORY + 2], f[HISTORY + 3], f[HISTORY + 4])
     course = with_arc(course, inertia, phase_at(f, ORIGIN), here)
@@ -148,7 +150,7 @@ def _reach(
     steps: Callable[[Numbers, float, int], None],
     in_closed_form: Callable[[Numbers, float, int], None],
 ) -> bool:
-    """Write the phase at `target` to `room`, from the last grid point; return whether it can be kept."""
+    """Write the phase at `target` to `room`, by a step from the last grid point; return whether it is valid."""
     rest = (target - w[REACHED]) / (w[DENOMINATOR] * NANOSECONDS)
     _copy(f, 0, room, 0, CONSTANTS)
     _copy(f, GRID_POINT, room, CONSTANTS, PHASE)
@@ -173,7 +175,7 @@ def _advance(
     steps: Callable[[Numbers, float, int], None],
     strides: Callable[[Numbers, int, int], tuple[int, int, int]],
 ) -> int:
-    """Take the strides of the arc that end by `target`, and choose the one after them if time goes into it."""
+    """Take the strides of the arc that end by `target`; choose the next one if `target` lies within it."""
     while target > w[REACHED]:
         most = min(w[BUDGET], _until_choice(w[CHOOSE_AFTER], w[STRIDES]))
         if most <= 0:
@@ -236,7 +238,7 @@ def _held(rows: Numbers, k: int) -> HeldWrench:
 
 
 def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
-    """Advance by h s in a motion that has a closed form; beyond its reach, to NaN."""
+    """Advance by h s in closed form; give NaN if the closed form does not apply."""
     (inertia, held), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
     velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
     q, omega = phase.orientation, phase.angular_velocity
@@ -254,7 +256,7 @@ def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
 
 
 def _no_strides(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:  # noqa: ARG001
-    """Stand where no stride is chosen."""
+    """Placeholder for methods without strides by accuracy."""
     return 0, 0, 0
 
 
@@ -262,10 +264,10 @@ _STEPS = "void(float64[::1], float64, int64)"
 _STRIDES = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
 
-_TAKEN = "float64[::1], int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]"
-_HANDED = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS))
+_ARRAYS = "float64[::1], int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]"
+_FUNCTIONS = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS))
 
 
-PROPAGATE = OnDemand("rk4", propagate, f"int64({_TAKEN}, {_HANDED})")
+PROPAGATE = OnDemand("rk4", propagate, f"int64({_ARRAYS}, {_FUNCTIONS})")
 CLOSED_FORM = OnDemand("exact", _in_closed_form, _STEPS)
 NO_STRIDES = OnDemand("rk4", _no_strides, _STRIDES)

@@ -32,7 +32,7 @@ _NODES = ((4.0 - _ROOT) / 10.0, (4.0 + _ROOT) / 10.0, 1.0)
 _ITERATIONS = 50
 # Newton has converged when the unknowns change by less than their rounding errors.
 _CONVERGED = 2.0**-54
-# If corrections no longer shrink, they are rounding errors if they are below this.
+# Corrections that no longer shrink count as rounding errors below this.
 _ROUNDING = 1e-11
 # A slower convergence than this requires a new Jacobian.
 _SLOW = 0.1
@@ -93,7 +93,7 @@ def step(
             *scale(h, gain),
         ]
 
-    # Quantities that do not depend on the unknowns need no Newton iteration: without a load the translation.
+    # Quantities that do not depend on the unknowns need no Newton iteration: without a load, the translation is one.
     sought = 6 if load is None else 12
     start = slope(0.0, [0.0] * 12)
     spin, way = norm(momentum) / spin_unit, norm(scale(h, velocity))
@@ -158,7 +158,7 @@ def _solve(
 
     z = np.zeros((3, 12))
     size = previous = math.inf
-    # An overflow shows in the size of the correction.
+    # The size of the correction reveals an overflow.
     with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):
         newton = matrix([jacobian(0.0, [0.0] * 12)] * 3)
         for _ in range(_ITERATIONS):

@@ -15,7 +15,7 @@ _forget: list[Callable[[], None]] = []
 
 
 def cached_results(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapper[_T]]:
-    """Decorate a function with a cache of its last `count` results."""
+    """Return a decorator that caches the last `count` results of a function."""
 
     def decorate(function: Callable[..., _T]) -> _lru_cache_wrapper[_T]:
         memory = lru_cache(maxsize=count)(function)
@@ -26,6 +26,6 @@ def cached_results(count: int) -> Callable[[Callable[..., _T]], _lru_cache_wrapp
 
 
 def clear_caches() -> None:
-    """Empty all caches, so that a run timed next computes everything itself."""
+    """Empty all caches, so that the next run computes everything itself, as a fair measurement of time needs."""
     for clear in _forget:
         clear()

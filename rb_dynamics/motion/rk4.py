@@ -76,8 +76,8 @@ class _Slope(NamedTuple):
     """Rates at a stage, for state, work and impulses.
 
     Attributes:
-        spin: of the quaternion, 1/s.
-        angular: acceleration, principal axes, rad/s^2.
+        spin: rate of the quaternion, 1/s.
+        angular: angular acceleration, principal axes, rad/s^2.
         force: world axes, N.
         torque: world axes, N m.
         power: W.
@@ -106,7 +106,7 @@ def _slope(
     twice = 2.0 / (x * x + y * y + z * z + w * w)
     force = add(turned(q, twice, held.force_body), held.force_world)
     torque = held.torque_body
-    # Rare; checking first would delay everything that follows in the stage.
+    # Rare; checking earlier would delay all later operations of the stage.
     if held.torque_world != ZERO:
         torque = add(torque, turned((-x, -y, -z, w), twice, held.torque_world))
     if load is not None:

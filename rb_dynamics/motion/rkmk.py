@@ -90,10 +90,10 @@ class _Reached(NamedTuple):
     """State at a stage, in the axes of R0.
 
     Attributes:
-        ahead: s since the start of the step.
+        ahead: time since the start of the step, s.
         theta: rotation vector.
-        gained: torque impulse, without that of the constant torque in the world.
-        place: displacement since the start of the step.
+        gained: torque impulse, without that of the constant torque in world axes.
+        place: displacement since the start of the step, m.
         velocity: of the centre of mass.
     """
 

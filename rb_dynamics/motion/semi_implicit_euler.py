@@ -22,9 +22,9 @@ def step(
 ) -> Increment:
     """Advance by semi-implicit Euler with an explicit gyroscopic term (symplectic Euler, HLW eq. I.1.9).
 
-    All loads at the start; v1 = v0 + h F / m, x1 = x0 + h v1, w1 = w0 + h I^-1 (tau - w0 x I w0), q1 = q0 exp(h w1).
-    The work is the impulses times the mean of the velocities before and after, so that the energy defect shows the
-    error of attitude and gyroscopic term. Order 1, under any load too; has no invariants.
+    All loads are those at the start of the step; v1 = v0 + h F / m, x1 = x0 + h v1, w1 = w0 + h I^-1 (tau - w0 x I w0),
+    q1 = q0 exp(h w1). The work is the impulses times the mean of the velocities before and after, so that the energy
+    defect shows the errors of attitude and gyroscopic term. Order 1, under any load too; has no invariants.
 
     Raises:
         ConvergenceError: the step rotates the body too far, or diverges.

@@ -1,9 +1,9 @@
 """Splitting into kicks and free motion: the wrench changes only the momenta; between kicks the body moves exactly.
 
-All of the error comes from the wrench: none without torque and, with the near-integrable stages, one proportional to a
-small torque even at large steps. Energy and angular momentum change only in the kicks, by exactly the accumulated work
-and impulse. A load acts in the kicks too; the method is symplectic if it has a potential. Must not integrate a load
-that depends on the velocities, which change in a kick.
+The whole error comes from the wrench. There is none without torque and, with the stages for near-integrable systems,
+one proportional to a small torque even at large steps. Energy and angular momentum change only in the kicks, by exactly
+the accumulated work and impulse. A load also acts in the kicks; the method is symplectic if the load has a potential.
+It must not be used for a load that depends on the velocities, because these change in a kick.
 """
 
 from __future__ import annotations
@@ -31,14 +31,15 @@ Flow = Callable[[Vector, Quaternion, Vector, float], tuple[Quaternion, Vector]]
 Stages = tuple[tuple[float, float], ...]
 
 
-# If the body rotates further than this between two kicks, they do not resolve the wrench.
+# A larger rotation (rad) between two kicks does not resolve the wrench.
 _LARGEST_TURN_BETWEEN_KICKS = 3.0
 
 # In units of 2^-27, the fraction of an attitude component is practically random.
 _DIGITS = 2.0**27
 # Numbers of this size have no digits after the point: adding and subtracting it rounds.
 _WHOLE = 1.5 * 2.0**52
-# Twice the amplitude of the dither, in distances of two numbers; less than 1, so that dither alone changes nothing.
+# Twice the amplitude of the dither, in units of the distance to the next number; less than 1, so that dither alone
+# changes nothing.
 _DITHER = 1.0 - 2.0**-10
 # Relative decrement that gives the number below (Rump, Zimmermann, Boldo & Melquiond, BIT 49 (2009) 419).
 _BELOW = 2.0**-53 * (1.0 + 2.0**-52)
@@ -76,19 +77,19 @@ class StepStart(NamedTuple):
 class Way(NamedTuple):
     """State within a step; vectors in the axes of R0.
 
-    Only what rotates with the body is summed: the force in the world acts like a constant one, because the kicks add up
-    to 1 and are symmetric.
+    Only what rotates with the body is summed: the force in world axes acts as if it were constant, because the kicks
+    add up to 1 and are symmetric.
 
     Attributes:
         turn: R0^T R.
         omega: angular velocity, axes of R.
-        pushed: impulse in the kicks.
-        moved: sum of the displacements by the kicks, kg m.
-        twisted: torque impulse in the kicks.
+        pushed: impulse of the kicks so far.
+        moved: mass times the sum of the displacements by the kicks, kg m.
+        twisted: torque impulse of the kicks so far.
         kicked: total length of the kicks, s.
-        work: J.
+        work: of the kicks so far, J.
         elapsed: total length of the free motions, s.
-        moment: displacement by the force of the world per acceleration, s^2.
+        moment: displacement by the force in world axes, per acceleration, s^2.
     """
 
     turn: Quaternion
@@ -116,9 +117,9 @@ def advance(
 ) -> Increment:
     """Advance by kicks I w += t (tau_body + R^T tau_world), p += t F, and by free motion with `flow`.
 
-    A kick does the work (mean of w) . impulse of torque + (mean of v) . impulse of force, by which T grows. The load is
-    evaluated at the time, position and attitude of a kick, which the kick does not change, and must not use the
-    velocities it is given: those before the kick.
+    A kick does the work (mean of w) . torque impulse + (mean of v) . impulse, by which T grows. The load is evaluated
+    at the time, position and attitude of a kick, which the kick does not change. It must not use the velocities that it
+    gets: they are those before the kick.
 
     Raises:
         ConvergenceError: the body rotates so far between two kicks that they do not resolve the wrench, or the load

@@ -1,6 +1,7 @@
-"""Kernels for a step under a load with states of its own, which wheels have: the stages of `inner_states.py`, compiled.
+"""Kernels for a step under a load with inner states, such as wheels: the stages of `inner_states.py`, compiled.
 
-They take one step a call. The bits are those of plain Python, which takes a step that is refused, and raises its error.
+Each call takes one step, with the same bits as plain Python. If a step is refused, plain Python repeats it and raises
+the error.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, s
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
-# Where things stand among the numbers that a kernel is given: body and wrench, the phase, the other result of a pair,
-# the number of the next stage, and the weights of the tableau, a row for each stage and three for the result and its
-# errors. Then `WheelSet.numbers`; of all states their sums, the rounding errors of these, their values at a stage, and
-# their rates, first those of this stage, then of each. At the end come the numbers of the effects.
+# Layout of the array of a kernel: body and wrench, phase, second result of a pair, number of the next stage, and the
+# weights of the tableau, in a row for each stage and three for the result and its errors. Then `WheelSet.numbers`; and
+# of the inner states: sums, rounding errors of the sums, values at a stage, and rates, first at the present stage, then
+# at each stage. The numbers of the effects come last.
 _OTHER = CONSTANTS + PHASE
 _STAGE = _OTHER + PHASE
 _ROWS = _STAGE + 1
@@ -55,15 +56,15 @@ _PHASE = Struct(f"{PHASE}d")
 
 
 class CompiledWheelLoad(NamedTuple):
-    """A load with states in a kernel.
+    """A load with inner states, in a kernel.
 
     Attributes:
-        numbers: see above.
+        numbers: the array of the kernel, see above.
         h: length of the step, s.
-        time: at its start, s since the start of the run.
-        position: of the centre of mass there, world axes, m.
+        time: start of the step, s since the start of the run.
+        position: of the centre of mass at the start, world axes, m.
         moments: of the body, principal axes.
-        held: wrench.
+        held: the held wrench.
     """
 
     numbers: Numbers
@@ -102,13 +103,13 @@ def evaluated_with_wheels(
 
 
 def _layout(c: Numbers) -> tuple[int, int, int]:
-    """Return how many states there are, and where their sums and their values at a stage stand."""
+    """Return the number of inner states, and the offsets of their sums and of their values at a stage."""
     m, sums = states_of(c, _WHEELS), _WHEELS + length_of(c, _WHEELS)
     return m, sums, sums + 2 * m
 
 
 def _gained(c: Numbers, h: float, row: int, k: int) -> float:
-    """Return h times the sum of the rates of state k with the weights of a row."""
+    """Return h times the sum of the rates of state k, weighted by a row of the tableau."""
     m, _, states = _layout(c)
     rates, weights, gained = states + 2 * m + k, _ROWS + row * _MOST_STAGES, 0.0
     for stage in range(_MOST_STAGES):
@@ -150,7 +151,7 @@ def _step_on_numbers(c: Numbers, h: float) -> None:
 
 
 def _pair_on_numbers(c: Numbers, h: float) -> None:
-    """Take a step of h s, and write the other result of the pair with what `StagedLoad.compared` adds to its rate."""
+    """Take a step of h s, and write the second result of the pair with the addition of `StagedLoad.compared`."""
     (inertia, held), start = constants_at(c), phase_at(c, CONSTANTS)
     velocity, load = scale(1.0 / inertia.mass, total(start, MOMENTUM)), _begun(c, h, inertia, held, start)
     step, other = _pair(inertia, held, h, velocity, start.orientation, start.angular_velocity, load)
@@ -166,7 +167,7 @@ def _pair_on_numbers(c: Numbers, h: float) -> None:
 
 
 class StatefulKernels(NamedTuple):
-    """A step of a method and, if it is one, an embedded pair under wheels; and the weights of its tableau as bytes."""
+    """Kernels of a method with wheels: its step, its embedded pair if any, and the weights of its tableau as bytes."""
 
     step: OnDemand
     pair: OnDemand | None
@@ -175,7 +176,7 @@ class StatefulKernels(NamedTuple):
 
 @cache
 def stateful_kernels(method: Method) -> StatefulKernels | None:
-    """Return the kernels of `method` for wheels; None if it has none."""
+    """Return the kernels of `method` with wheels; None if it has none."""
     tableau = method.tableau
     if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > _MOST_STAGES:
         return None
@@ -200,7 +201,7 @@ def _weights(tableau: SparseTableau) -> bytes:
 
 
 class StatefulSteps:
-    """Steps of one arc with wheels, by kernels."""
+    """Takes the steps of one arc with wheels, by kernels."""
 
     def __init__(
         self,
@@ -210,7 +211,7 @@ class StatefulSteps:
         wheels: Sequence[float],
         effects: Sequence[float],
     ) -> None:
-        """Take steps under a held wrench, wheels (`WheelSet.numbers`) and effects (`effect_numbers`)."""
+        """Use a held wrench, wheels (`WheelSet.numbers`) and effects (`effect_numbers`)."""
         self._kernels = kernels
         count = states_of(wheels, 0)
         before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))
@@ -219,12 +220,12 @@ class StatefulSteps:
         self._sums = Struct(f"{2 * count}d"), 8 * (_WHEELS + len(wheels))
 
     def step(self, phase: PhaseState, h: float) -> PhaseState | None:
-        """Return the phase after a step of h s; None if it is to be taken in plain Python."""
+        """Return the phase after a step of h s; None if plain Python has to take it."""
         numbers = self._after(self._kernels.step, phase, h)
         return None if numbers is None else self._phase(numbers)
 
     def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState] | None:
-        """Return the same, and the other result of the pair, without states."""
+        """Return the same, and the second result of the pair, without inner states."""
         numbers = None if self._kernels.pair is None else self._after(self._kernels.pair, phase, h)
         if numbers is None:
             return None
@@ -232,7 +233,7 @@ class StatefulSteps:
         return None if after is None or not all(map(math.isfinite, other)) else (after, phase_of(other))
 
     def _after(self, kernel: OnDemand, phase: PhaseState, h: float) -> bytearray | None:
-        """Return the numbers after a step."""
+        """Return the array after a step."""
         compiled = kernel.get(1.0, 1.0)
         if compiled is None:
             return None

@@ -17,13 +17,13 @@ from rb_dynamics.numerics.vector import Vector
 NOWHERE: Vector = (math.nan, math.nan, math.nan)
 NO_ATTITUDE: Quaternion = (math.nan, math.nan, math.nan, math.nan)
 NO_INCREMENT = Increment(NOWHERE, NO_ATTITUDE, NOWHERE, NOWHERE, NOWHERE, math.nan)
-"""Result of a refused step in a kernel: it propagates to everything after."""
+"""Result of a refused step in a kernel: NaN, which propagates to all later steps."""
 
 LARGEST_TURN = 3.0
 """Largest rotation (rad) in a step. exp and dexpinv are regular below 2 pi; half of that is left for the stages."""
 
 LARGEST_FREE_TURN = 1e15
-"""Rotation (rad) beyond which doubles resolve no digit of the attitude, however exact the motion."""
+"""Rotation (rad) beyond which double precision leaves no digit of the attitude."""
 
 
 def out_of_range(when: str) -> ConvergenceError:
@@ -75,7 +75,7 @@ def require_small_turn(name: str, h: float, rate: float) -> None:
 
 @compiled_as(NO_INCREMENT)
 def turns_too_far(name: str, h: float, rate: float) -> Increment:
-    """Refuse a stage of h s at `rate` (rad/s).
+    """Refuse a stage of h s at `rate` (rad/s), which rotates the body too far.
 
     Raises:
         ConvergenceError: always.

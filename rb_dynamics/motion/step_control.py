@@ -53,19 +53,19 @@ MOST_STEPS = 10**12
 
 _EPSILON = 2.0**-52
 
-# Share of the accuracy for step doubling: errors grow faster than linearly while a body flips. A pair keeps the better
-# of its results, and needs no such reserve.
+# Share of the accuracy that step doubling uses, because errors grow faster than linearly while a body flips. A pair
+# keeps the better of its results and needs no such reserve.
 _SHARE = 0.2
 
-# The results of doubling may differ by this many roundings of rate and attitude, besides one, however short the stride:
-# half of the strides differ by 0.6 to 2.6 with that one, none of a thousand by more than 10. Those of a pair are
-# rounded alike.
+# However short the stride, the two results of doubling may differ by this many roundings of rate and attitude, and one
+# more: together, half of the strides differ by 0.6 to 2.6 roundings, and none of a thousand by more than 10. The
+# results of a pair are rounded alike.
 _NOISE = 9.0
 
-# Forces of which less than this share is left cancel: what is left of their rounding may then look like an error.
+# Forces cancel if less than this share remains of them: their rounding errors may then look like an error of the step.
 _CANCELLED = 1e-3
 
-# ns; an integer as a float.
+# ns, a whole number.
 _LONGEST = 2.0**62
 
 
@@ -75,14 +75,14 @@ class Goal(NamedTuple):
     Attributes:
         accuracy: the accepted error.
         horizon: the time (s) for which it holds.
-        ends: whether the run ends with the horizon; otherwise the horizon is counted from any time.
+        ends: whether the run ends at the horizon; otherwise the horizon is counted from the present time.
         mass: of the body, kg.
-        order: of the result whose error is estimated.
-        errors: how many of its errors add up to the difference of two results.
+        order: order of the result whose error is estimated.
+        errors: difference of the two results, in errors of that result.
         share: usable share of the accuracy.
         x, y, z: where the centre of mass starts, world axes, m.
         slowing: present rate at which errors of velocity decay, 1/s; see `Advance.slowing`.
-        noise: by how many roundings of rate and attitude, besides one, the results may differ without an error.
+        noise: number of roundings of rate and attitude, besides one, by which the results may differ without an error.
     """
 
     accuracy: float
@@ -104,16 +104,17 @@ class Learnt(NamedTuple):
 
     Attributes:
         step: guess for the next stride, s; 0 before the first.
-        farthest: largest distance from the start, m: a lower bound of the path, also if the body stops or returns.
-        telling: length of a stride whose results differ by more than rounding, s; 0 if none has been needed.
-        told: error of attitude that it adds.
-        until: its end, s since the start of the run, up to which it represents shorter ones.
+        farthest: largest distance from the start so far, m: a lower bound of the path length.
+        resolved_stride: length of a trial stride whose results differ by more than rounding, s; 0 if none was needed.
+        resolved_error: error of the attitude that the trial stride adds.
+        until: end of the trial stride, s since the start of the run: up to then, the errors of shorter strides follow
+            from it.
     """
 
     step: float = 0.0
     farthest: float = 0.0
-    telling: float = 0.0
-    told: float = 0.0
+    resolved_stride: float = 0.0
+    resolved_error: float = 0.0
     until: float = 0.0
 
 
@@ -148,11 +149,11 @@ class StepControl(Protocol):
         """Return the length of the next stride and, if it was taken to choose it, the phase at its end."""
 
     def begin(self) -> None:
-        """Learn from the stride chosen last, when time enters it. A stride never entered must leave no trace."""
+        """Adopt what the last chosen stride taught, once time enters it. A stride never entered must leave no trace."""
 
 
 class FixedStep:
-    """A fixed step; if it is not a whole number of nanoseconds, its remainder is carried exactly.
+    """A fixed step. If it is not a whole number of nanoseconds, its fraction is carried exactly.
 
     Attributes:
         length: of every stride, in units of 1/`denominator` ns.
@@ -181,15 +182,15 @@ class FixedStep:
             )
 
     def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
-        """Return the step; it has not been taken."""
+        """Return the length of the step, without taking it."""
         return self.length, None
 
     def begin(self) -> None:
-        """Learn nothing: every step is the same."""
+        """Do nothing: every step is the same."""
 
 
 class WholeArc:
-    """One stride for the whole arc, for a closed form: every time is reached from the start.
+    """One stride for the whole arc, for a closed form: every state is computed from the start.
 
     Attributes:
         length: of the stride, ns: longer than any run.
@@ -218,11 +219,11 @@ class WholeArc:
             )
 
     def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
-        """Return the whole arc; it has not been taken."""
+        """Return the length of the whole arc."""
         return self.length, None
 
     def begin(self) -> None:
-        """Learn nothing."""
+        """Do nothing."""
 
 
 class OwnControl:
@@ -230,7 +231,7 @@ class OwnControl:
 
     Attributes:
         goal: requirements on the steps.
-        learnt: nothing, like `following`.
+        learnt: always the initial value, like `following`.
     """
 
     denominator = parts = 1
@@ -241,7 +242,7 @@ class OwnControl:
         self.learnt = self.following = Learnt()
 
     def stride(self, phase: PhaseState, advance: Advance) -> tuple[int, PhaseState | None]:
-        """Return the longest acceptable step; it has not been taken.
+        """Return the length of the longest acceptable step, without taking it.
 
         Raises:
             ConvergenceError: not even a step of 1 ns meets the accuracy.
@@ -256,34 +257,36 @@ class OwnControl:
         return length, None
 
     def begin(self) -> None:
-        """Learn nothing: every step is judged on its own."""
+        """Do nothing: every step is chosen independently."""
 
 
 class AccuracyControl:
     """Steps as long as `accuracy` allows, by step doubling or an embedded pair (Hairer, Norsett & Wanner I, II.4).
 
-    Doubling takes each stride once as a whole and once in two halves; their difference, over 2^p - 1, estimates the
-    error of the halves, which are kept. An embedded pair takes it once: the difference of its two results estimates the
-    error of the lower order, and the result of the higher order is kept.
+    Doubling takes each stride once as a whole and once in two halves; the difference, divided by 2^p - 1, estimates the
+    error of the halves, whose result is kept. An embedded pair takes each stride once: the difference of its two
+    results estimates the error of the lower order, and the result of the higher order is kept.
 
     The error is the effect of the stride on attitude (rad) and position at the end of the run: errors of rate and
-    velocity are multiplied by the remaining time, those of velocity with drag by less. A stride h may add a share of
-    accuracy * h / horizon to the attitude and, to the position, the same times the largest distance so far or, if that
-    is more, a share of accuracy times its own length: together at most twice that of the distance travelled.
+    velocity are multiplied by the remaining time, those of velocity with drag by less. A stride of h s may add the
+    error e = share * accuracy * h / horizon to the attitude. To the position it may add e times the largest distance so
+    far or, if that is more, share * accuracy times its own length: together at most twice share * accuracy times the
+    distance travelled.
 
-    Two results of doubling differ by some roundings of the rate, however short the stride. If that is more than a
-    stride may add, their comparison does not show the error: a longer stride is tried, whose results do differ, and its
-    error is divided among the strides over the same time according to the order. Rounding is not a reason for shorter
-    steps; if rounding alone exceeds the accuracy, the accuracy is refused.
+    However short the stride, the two results of doubling differ by some roundings of the rate. If that is more than a
+    stride may add, the comparison does not show the error. Then a longer stride is tried, whose results differ by more
+    than rounding, and its error is scaled down to the stride by the order of the method. Rounding is not a reason for
+    shorter steps; if rounding alone exceeds the accuracy, the accuracy is refused.
 
-    If the motion amplifies errors faster, as near the middle axis or in a chaotic tumble, the sum exceeds the share:
-    the accuracy is then no bound, and `explain` and `trade` show the actual error.
+    If the motion amplifies errors faster, as near the middle axis or in a chaotic tumble, the total exceeds the
+    accuracy, which is then not a bound; `explain` and `trade` show the actual error.
 
     Attributes:
         goal: requirements on the strides.
-        learnt: state after the strides that time has entered.
-        following: state after the stride chosen last, which time may never enter: it is also chosen to see where an
-            output falls, and a new arc may begin before it does.
+        learnt: learnt state after the strides that time has entered.
+        following: learnt state after the last chosen stride. Time may never enter that stride, because a new arc may
+        begin
+            before.
         embedded: whether the method is an embedded pair.
     """
 
@@ -300,7 +303,7 @@ class AccuracyControl:
         embedded: bool = False,
         ends: bool = True,
     ) -> None:
-        """Use the accepted error, the length of the run in s, the order of the method, and whether it is a pair.
+        """Use the accepted error, the length of the run in s, and the order of the method.
 
         `start` is the initial position of the centre of mass, world axes, m. Without `ends`, the run is open-ended and
         the horizon is counted from any time.
@@ -336,14 +339,14 @@ class AccuracyControl:
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"of 1 ns has an error of {error:.3g}; {_TOO_FAST}"
             )
-        # The short steps for a load that changes gradually end with it.
+        # Steps that are short because of a gradual change of the load need not stay short after it.
         lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
         _require_reachable(lasting, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
         return length, after
 
     def guess(self, phase: PhaseState, advance: Advance) -> Learnt:
-        """Return what is learnt, with a guess for the next stride from `phase` on."""
+        """Return the learnt state, with a guess for the next stride from `phase` on."""
         return self.learnt._replace(step=self.learnt.step or advance.steady(phase, _first(self.goal, phase)))
 
     def start(self) -> None:
@@ -355,7 +358,7 @@ class AccuracyControl:
         self.learnt = self.following
 
 
-# Steps (ns) this short come from a load that jumps rather than from one that is strong.
+# Steps (ns) this short indicate a discontinuous load, not a strong one.
 _SHORT = 1e3
 _TOO_FAST = (
     "a load jumps there, whose effect should name the time in its knots(), or is too strong; correct it, or accept a "
@@ -364,7 +367,7 @@ _TOO_FAST = (
 
 
 class _Trials:
-    """Takes trial strides, and keeps the refusal of the last one, if the method refused it."""
+    """Takes trial strides, and keeps the error of the last one if the method refused it."""
 
     def __init__(self, advance: Advance, embedded: bool) -> None:
         self._advance, self._embedded = advance, embedded
@@ -403,30 +406,37 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
         if attitude <= noise and noise > allowed:
             if learnt.until <= elapsed(phase):
                 learnt = taught(goal, learnt, phase, trials, h, noise)
-            attitude = learnt.told * (h / learnt.telling) ** (goal.order + 1.0)
+            attitude = learnt.resolved_error * (h / learnt.resolved_stride) ** (goal.order + 1.0)
         error = max(attitude, position)
         following = 5.0 * h
         if error > 0.0:
             factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
             following = h * min(5.0, max(0.2, factor))
         if error <= allowed:
-            return Stride(length, kept, Learnt(following, farthest, learnt.telling, learnt.told, learnt.until), error)
+            return Stride(
+                length,
+                kept,
+                Learnt(following, farthest, learnt.resolved_stride, learnt.resolved_error, learnt.until),
+                error,
+            )
         if length == 1:
             return Stride(0, phase, learnt, error)
-        # A few nanoseconds less may round to the same.
+        # Some nanoseconds less may round to the same length.
         h = min(following, (length - 1) / NANOSECONDS)
 
 
 def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float, noise: float) -> Learnt:
-    """Return the state learnt from strides longer than h s: the one that leaves the smallest error to shorter ones.
+    """Return the state learnt from strides longer than h s: from the one that implies the least error of shorter ones.
 
-    They are tried up to one whose results differ by more than rounding, or to the longest possible one. `noise` is the
-    error of attitude that rounding hides over h s.
+    Ever longer strides are tried, up to one whose results differ by more than rounding, or to the longest possible one.
+    `noise` is the error of the attitude that rounding may hide over h s.
     """
     power, now = goal.order + 1.0, elapsed(phase)
-    telling, told, trial = h, noise, 2.0 * h
-    if learnt.telling > 0.0:
-        trial = max(trial, learnt.telling * min(2.0, max(0.5, (4.0 * noise / learnt.told) ** (1.0 / power))))
+    resolved_stride, resolved_error, trial = h, noise, 2.0 * h
+    if learnt.resolved_stride > 0.0:
+        trial = max(
+            trial, learnt.resolved_stride * min(2.0, max(0.5, (4.0 * noise / learnt.resolved_error) ** (1.0 / power)))
+        )
     found = False
     while trial <= goal.horizon:
         kept, other = _attempt(trials, phase, trial)
@@ -435,13 +445,13 @@ def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float,
             trial = max(2.0 * h, 0.5 * trial)
             continue
         found = True
-        # Add the error that rounding hides.
-        if (attitude + hidden) * (telling / trial) ** power < told:
-            telling, told = trial, attitude + hidden
+        # Add the error that rounding may hide.
+        if (attitude + hidden) * (resolved_stride / trial) ** power < resolved_error:
+            resolved_stride, resolved_error = trial, attitude + hidden
         if not attitude <= hidden:
             break
         trial *= 2.0
-    return Learnt(learnt.step, learnt.farthest, telling, told, now + telling)
+    return Learnt(learnt.step, learnt.farthest, resolved_stride, resolved_error, now + resolved_stride)
 
 
 def by_method(goal: Goal, learnt: Learnt, phase: PhaseState, advance: Any) -> Stride:
@@ -450,15 +460,15 @@ def by_method(goal: Goal, learnt: Learnt, phase: PhaseState, advance: Any) -> St
     `advance` is passed to `_longest_step`: in a kernel, body and wrench.
     """
     rest = _rest(goal, phase)
-    # The same share of the accuracy per second; errors grow for the rest of the run.
+    # The same share of the accuracy for each second; errors grow for the rest of the run.
     longest = _longest_step(advance, phase, goal.accuracy * rest / goal.horizon, rest) * NANOSECONDS
     return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
 
 
 def rounding(goal: Goal, phase: PhaseState, length: float) -> float:
-    """Return the rounding error at the end: each step of `length` ns rounds the rate, a random walk.
+    """Return the rounding error at the end of the run: each step of `length` ns rounds the rate, as in a random walk.
 
-    0 for an open-ended run, which must not be stopped because of rounding over an assumed horizon.
+    0 for an open-ended run, which must not be refused because of rounding over a merely assumed horizon.
     """
     if not goal.ends:
         return 0.0
@@ -467,18 +477,18 @@ def rounding(goal: Goal, phase: PhaseState, length: float) -> float:
 
 
 def closed_form_rounding(turned: float, start: PhaseState, end: PhaseState, h: float) -> float:
-    """Return the error that rounding adds to a turn of `turned` rad and then one of h s from `start` to `end`, rad."""
+    """Return the rounding error (rad) of rotations by `turned` rad and then for h s from `start` to `end`."""
     return _EPSILON * (1.0 + (turned + max(norm(start.angular_velocity), norm(end.angular_velocity)) * h))
 
 
 def _rounded_up(error: float) -> float:
-    """Return the value rounded up to one digit, which can be accepted as printed."""
+    """Return the value rounded up to one digit, so that the number in a message is itself acceptable."""
     unit = float(f"1e{math.floor(math.log10(error))}")
     return math.ceil(error / unit) * unit
 
 
 def _attempt(trials: _Trials, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
-    """Return the phase after a stride of h s, and another for its error. A kernel has its own version."""
+    """Return two results for the phase after a stride of h s; the first is kept. A kernel has its own version."""
     return trials.attempt(phase, h)
 
 
@@ -500,22 +510,22 @@ def _first(goal: Goal, phase: PhaseState) -> float:
 def _estimate(
     goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float, strength: float
 ) -> tuple[float, float, float, float]:
-    """Return the error that the stride of h s from `phase` to `kept` adds, and the largest distance.
+    """Return the errors that the stride of h s from `phase` to `kept` adds, and the largest distance.
 
-    Its errors of attitude and position, infinite if it is refused, and the error of the attitude that rounding may
-    hide. `strength` is the sum of the magnitudes of the forces (N), 0 if they are known not to cancel.
+    The errors are those of attitude and position, infinite if the stride is refused, and the error of the attitude that
+    rounding may hide. `strength` is the sum of the magnitudes of the forces (N), 0 if they are known not to cancel.
     """
     if not (is_finite(kept) and is_finite(other)):
         return math.inf, math.inf, farthest, 0.0
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
     attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-    # A difference by rounding is not a reason for shorter steps.
+    # A difference due to rounding is not a reason for shorter steps.
     rounded = _EPSILON * (1.0 + rate * rest)
     attitude -= rounded
     per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))
     gained = norm(gain(phase, kept, MOMENTUM)) * per_mass
-    # The decay rate may fall like 1/t while the body comes to rest, and errors with it.
+    # The decay rate may fall as 1/t while the body comes to rest.
     grows = math.log1p(goal.slowing * rest) / goal.slowing if goal.slowing > 0.0 else rest
     drift = norm(gain(kept, other, POSITION)) + norm(gain(kept, other, MOMENTUM)) * per_mass * grows
     at_work = strength * per_mass * h

@@ -1,6 +1,6 @@
 """The Taylor method: the motion under a held wrench as power series in time, by recurrences on its equations.
 
-One expansion serves every time within a step (dense output), and its last terms tell how long the step may be.
+One expansion serves every time within a step (dense output), and its last terms limit the length of the step.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TERMS = _ORDER + 1
 # A lower order gains nothing.
 _LOWEST_ORDER = 6
 
-# Limit of the last term relative to the first, per order: beyond it a step has no correct digit.
+# Largest ratio of the last term to the first, per order: beyond it a step has no correct digit.
 _LARGEST_RATIO = 0.85
 
 _Series = list[float]
@@ -53,7 +53,7 @@ class _Start(NamedTuple):
 class _Expansion(NamedTuple):
     """Coefficients of t^0, t^1, ...
 
-    It is written to memory of the caller, which does not affect equality: all are equal as cache keys.
+    The memory belongs to the caller and does not affect the result, so all expansions are equal as cache keys.
 
     Attributes:
         turn: quaternion of the rotation since t = 0.
@@ -61,8 +61,6 @@ class _Expansion(NamedTuple):
         force: the body-fixed force, in the axes at t = 0; zero where there is none.
         torque: the body-fixed torque, likewise.
         power: of the torques.
-
-    It is written to memory of the caller, which decides nothing: all are equal to a cache of what has been found.
     """
 
     turn: tuple[_Series, _Series, _Series, _Series]
@@ -100,7 +98,7 @@ def step(
         return _no_recurrences()
     rate = _rate(inertia, held, angular_velocity)
     unit, order = _clock(rate), _order(rate * abs(h))
-    # Allocated here and in `longest_step`, as it lives only as long as the function that needs it.
+    # Allocated here and in `longest_step`, because a kernel frees it at the end of the function.
     memory = _Expansion(
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
         (workspace(_TERMS), workspace(_TERMS), workspace(_TERMS)),
@@ -186,7 +184,7 @@ def longest_step(
         return math.inf
     if not math.isfinite(first + last_but_one + last):
         return 0.0
-    # The radius of convergence as the last terms show it (Jorba & Zou, eq. 11), and with it the first term left out.
+    # Estimate the radius of convergence from the last terms (Jorba & Zou, eq. 11), and from it the first term left out.
     radius = math.inf
     if last_but_one > 0.0:
         radius = math.pow(first / last_but_one, 1.0 / (_ORDER - 1))
@@ -239,7 +237,7 @@ def _start(
     )
 
 
-# The arc evaluates one step many times: to choose it, to take it, and for each output inside it.
+# Cached, because an arc uses one expansion many times: to choose the step, to take it, and for each output within.
 @cached_results(4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
     """Write the coefficients up to `order` into `memory` and return it."""

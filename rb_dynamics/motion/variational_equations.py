@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     Counts = npt.NDArray[np.int64]
 
 STATE = 13
-"""Numbers of a state: x, y, z, w of the attitude, w, p, v."""
+"""Size of a state: x, y, z, w of the attitude, w, p, v."""
 
 COLUMN = 12
-"""Numbers of a column: turn, and changes of w, p and v."""
+"""Size of a column: turn, and changes of w, p and v."""
 
 HELD = 18
-"""Numbers of an interval: f, t, f_w, t_w, h at its start, h'."""
+"""Size of an interval: f, t, f_w, t_w, h at its start, h'."""
 
 BODY = 28
-"""Numbers of the body: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, m, then k, c, k2, c2, wind of c, wind of c2 and g, three each."""
+"""Size of a body: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, m, then k, c, k2, c2, wind of c, wind of c2 and g, three each."""
 
 _SIGNATURE = (
     "void(float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
@@ -62,8 +62,9 @@ def rates(
 ) -> None:
     """Write the rates of state `x` and columns `s`, `time` (s) after the start of the interval, to `dx` and `ds`.
 
-    `inverse` is that of the inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, m) say how `body` and `held`
-    change with the columns; `held_by` belongs to the last m of the n columns. With `moves` 0 p and v are left out.
+    `inverse` is the inverse inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, m) are the derivatives of
+    `body` and `held` with respect to the parameters of the columns; `held_by` belongs to the last m of the n columns.
+    If `moves` is 0, p and v are left out.
     """
     qx, qy, qz, qw = x[0], x[1], x[2], x[3]
     w1, w2, w3 = x[4], x[5], x[6]
@@ -193,7 +194,7 @@ def propagate_sensitivities(
     slopes: Numbers,
     slopes_by: Numbers,
 ) -> None:
-    """Fly from `start` (STATE,) and `start_by` (COLUMN, n); write state and columns after each interval.
+    """Propagate from `start` (STATE,) and `start_by` (COLUMN, n); write state and columns after each interval.
 
     Args:
         start: state.
@@ -220,7 +221,7 @@ def propagate_sensitivities(
     copy(start, start_by, x, s)
     for k in range(len(lengths)):
         if shifts[k] >= 0 and k > 0:
-            # Where the interval starts later, the rates of before act until then instead of those of after.
+            # If the interval starts later, the rates before its start act for longer, and those after it for less.
             for side in range(2):
                 b, ahead = k - 1 + side, lengths[k - 1] * (1 - side)
                 rates(x, s, body, inverse, body_by, held[b], held_by[min(b, last)], ahead, moves, dx, ds)
@@ -248,7 +249,7 @@ def propagate_sensitivities(
 
 
 def copy(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
-    """Write a state and its columns to others."""
+    """Copy a state and its columns."""
     for i in range(len(x)):
         to_x[i] = x[i]
     for i in range(s.shape[0]):
@@ -266,21 +267,21 @@ def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
 
 
 def columns_of(s: Numbers, _first: int) -> Iterable[Any]:
-    """Return the places of the columns, one by one."""
+    """Return the indices of the columns."""
     return range(s.shape[1])
 
 
 def is_held(j: Any, first: int) -> bool:
-    """Return whether what is held changes with a column."""
+    """Return whether the held wrench depends on the parameter of a column."""
     return bool(j >= first)
 
 
 def of_held(j: Any, first: int) -> Any:
-    """Return the place of such a column among its like."""
+    """Return the index of such a column in `held_by`."""
     return j - first
 
 
-# Without a compiler numpy takes all columns in one go: the same bits, ten times sooner.
+# Without a compiler, numpy computes all columns at once: the same bits, ten times as fast.
 
 
 def _columns_in_two(s: Numbers, first: int) -> Iterable[Any]:
@@ -314,10 +315,10 @@ plain = specialise(
     add=_add_whole,
 )
 
-# In plain Python a step takes as long as so many of rk4, whatever the number of columns.
+# Cost of a step in plain Python, in steps of rk4, for any number of columns.
 VARIATIONAL = OnDemand("identify", propagate_sensitivities, _SIGNATURE, price=50.0)
 
 
 def kernel(steps: int, calls: int) -> Callable[..., None]:
-    """Return `propagate_sensitivities`, compiled where that pays for so many calls of so many steps."""
+    """Return `propagate_sensitivities`, compiled if that pays for this number of calls and steps."""
     return VARIATIONAL.get(steps * calls, steps) or plain

@@ -9,7 +9,7 @@ from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase_state import in_principal_axes
 from rb_dynamics.motion.propagation import Edges
-from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
+from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,12 +64,12 @@ class EdgeSchedule:
         import numpy as np
 
         changes, known_ns = self._channels.timeline(horizon_ns, _MANY)
-        looks = self._outputs(outputs, known_ns)
-        if len(looks) == _MANY:
-            known_ns = int(looks[-1])
+        output_times = self._outputs(outputs, known_ns)
+        if len(output_times) == _MANY:
+            known_ns = int(output_times[-1])
         changes = changes.until(known_ns)
-        at = np.union1d(looks, changes.time_ns)
-        kinds = LOOK * np.isin(at, looks) + CHANGE * np.isin(at, changes.time_ns)
+        at = np.union1d(output_times, changes.time_ns)
+        kinds = OUTPUT * np.isin(at, output_times) + CHANGE * np.isin(at, changes.time_ns)
         columns = tuple(changes.held.T)
         held = HeldWrench(columns[:3], columns[3:6], columns[6:9], columns[9:])
         parts = in_principal_axes(self._body, held)

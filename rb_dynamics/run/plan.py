@@ -138,25 +138,25 @@ class Plan:
         load_from, scales = arc.load
         if scales.numbers:
             arc.guess()
-        standing, auto = arc.standing, self._method is None
-        closed, driven_by = isinstance(standing.control, WholeArc), self._choice.chosen
+        arc_state, auto = arc.state, self._method is None
+        closed, driven_by = isinstance(arc_state.control, WholeArc), self._choice.chosen
         if closed and not auto:
             driven_by = None
-        elif not closed and (driven_by is None or standing.control is not driven_by[1]):
+        elif not closed and (driven_by is None or arc_state.control is not driven_by[1]):
             # The arc has chosen a method of its own.
             changes = (edges.kinds & CHANGE).nonzero()[0]
-            driven_by = standing.method, standing.control
+            driven_by = arc_state.method, arc_state.control
             if len(changes):
                 edges = edges.before(int(changes[0]))
         if not len(edges.at):
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
         behind = Arcs(self._course, self._from, self._choice.driven_arcs, driven_by, auto or closed, accuracy)
-        propagated = propagate(self._inertia, standing, behind, edges, scales.numbers)
+        propagated = propagate(self._inertia, arc_state, behind, edges, scales.numbers)
         if propagated is None:
             return None
         if propagated.changes:
-            new, behind = propagated.standing, propagated.arcs
+            new, behind = propagated.arc_state, propagated.arcs
             self._from_ns, self._from, self._course = new.start_ns, behind.origin, behind.history
             self._start_ns, self._choice.length_ns = new.start_ns, propagated.length_ns
             self._choice.driven_arcs, self._driven = behind.driven, not propagated.closed
@@ -166,7 +166,7 @@ class Plan:
             again = self._cheapest if auto and method is not EXACT else None
             what = method, self._inertia, new.held, control
             arc = Arc(*what, new.start_ns, behind.origin, load_from, again, scales)
-        arc.resume(propagated.standing)
+        arc.resume(propagated.arc_state)
         return arc, propagated
 
     def course(self, phase: PhaseState) -> RoundingHistory:

@@ -42,7 +42,7 @@ from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
 from rb_dynamics.motion.propagation import Edges, Propagated, pays
-from rb_dynamics.motion.propagation_kernel import CHANGE, LOOK
+from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT
 from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
@@ -264,12 +264,12 @@ class Simulation:
         first = int(times_ns[0])
         if self._stale:
             self._renew()
-        if first > self._computed_ns and (found := self._propagate_looks(times_ns)) is not None:
+        if first > self._computed_ns and (found := self._propagate_to(times_ns)) is not None:
             return found
         self.advance(first)
         return np.array([phase_numbers(self.phase)])
 
-    def _propagate_looks(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64] | None:
+    def _propagate_to(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64] | None:
         """Return the phases at those of the times that a kernel reaches before the next edge; None if there are few."""
         if self._period_ns is None or self._goes_edge_by_edge:
             return None
@@ -277,12 +277,12 @@ class Simulation:
         at = times_ns[: times_ns.searchsorted(edge)]
         if len(at) < FEWEST or not pays(len(at)):
             return None
-        found = self.plan.propagate(self._arc, Edges.looks(at))
+        found = self.plan.propagate(self._arc, Edges.of_outputs(at))
         if found is None or found[1].edges == 0:
             return None
         self._arc, propagated = found
         self._computed_ns = int(at[propagated.edges - 1])
-        return propagated.looks[: propagated.edges]
+        return propagated.outputs[: propagated.edges]
 
     @property
     def _goes_edge_by_edge(self) -> bool:
@@ -627,7 +627,7 @@ class Simulation:
         if propagated.changes:
             self._steps_before += propagated.steps
         self._report(edges, propagated)
-        self._phase, self._held = propagated.here, propagated.standing.held
+        self._phase, self._held = propagated.here, propagated.arc_state.held
         self._computed_ns = max(self._computed_ns, self.time_ns)
         return True
 
@@ -636,15 +636,15 @@ class Simulation:
         import numpy as np
 
         at, kinds = edges.at[: propagated.edges], edges.kinds[: propagated.edges]
-        looks = at[kinds & LOOK != 0]
-        self._outputs += len(looks)
+        outputs = at[kinds & OUTPUT != 0]
+        self._outputs += len(outputs)
         self.time_ns = int(at[-1])
         if not self._sinks:
             self._channels.skip(self.time_ns)
             return
-        rows = np.ascontiguousarray(propagated.looks[: len(looks)].T)
+        rows = np.ascontiguousarray(propagated.outputs[: len(outputs)].T)
         block = EventArrays.of(
-            self._observer.samples(phase_of(tuple(rows)), looks), self._channels.changes(self.time_ns)
+            self._observer.samples(phase_of(tuple(rows)), outputs), self._channels.changes(self.time_ns)
         )
         self._inputs.update_all(block.changes)
         if self._finished:
@@ -698,8 +698,8 @@ class Simulation:
                 first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
                 self._searched_ns, self._switch_ns = end_ns, None
                 # The end of a stride is known where it was taken to choose it.
-                standing = self._arc.standing
-                unlike = standing.stride == 0 or self._switching(wheels, standing.after)
+                state = self._arc.state
+                unlike = state.stride == 0 or self._switching(wheels, state.after)
                 if unlike and last > first and self._switching(wheels, self._arc.at(last)):
                     while last - first > 1:
                         middle = (first + last) // 2
