@@ -14,7 +14,6 @@ from rb_dynamics.loads.compiled_load import load_scales, strength
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import (
-    PRICE_OF_EFFECTS,
     WITH_EFFECTS,
     OnDemand,
     compiles,
@@ -254,8 +253,7 @@ class Strides(OnDemand):
             if effects:
                 choose = specialise(_by_trial_in_sight, f"{name}_choice_in_sight", by_trial=choose)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
-        price = _STEPS_IN_A_STRIDE[kind] * (PRICE_OF_EFFECTS if effects else 1.0)
-        super().__init__(method.name, on_numbers, _SIGNATURE, price)
+        super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
 
     def after(
         self,
@@ -268,7 +266,7 @@ class Strides(OnDemand):
         ahead: int,
         effects: tuple[float, ...] = (),
     ) -> Progress | None:
-        """Return the result of `run` if about `ahead` strides are expected; None if that is not worth compiling."""
+        """Return the result of `run` if about `ahead` strides are expected; None if there is no kernel."""
         compiled = self.get(ahead, 1)
         if compiled is None:
             return None

@@ -70,7 +70,7 @@ class Arc:
 
     Attributes:
         methods: names of the methods used, in order.
-        expected_ns: the expected end; used only to decide whether a kernel pays.
+        expected_ns: the expected end; it decides only whether a kernel is asked for.
     """
 
     def __init__(
@@ -319,7 +319,7 @@ class Stepper:
         count: int,
         ahead: int,
     ) -> Progress | None:
-        """Return the result of a kernel for strides; None if it is not worth compiling."""
+        """Return the result of a kernel for strides; None if there is none."""
         acting, goal, learnt = (self._inertia, self._held), control.goal, control.learnt
         if self._effects and isinstance(control, AccuracyControl):
             learnt = control.guess(phase, self)

@@ -378,14 +378,10 @@ def _on_demand(
 ) -> fixed_step_kernel.OnDemand | None:
     if step is None:
         return None
-    full = f"{template.__name__}_{name}"
-    load: Callable[..., Any] = fixed_step_kernel.no_load
-    price = 1.0
-    if effects:
-        full += fixed_step_kernel.WITH_EFFECTS
-        load, price = fixed_step_kernel.load_of_effects, fixed_step_kernel.PRICE_OF_EFFECTS
+    full = f"{template.__name__}_{name}{fixed_step_kernel.WITH_EFFECTS if effects else ''}"
+    load = fixed_step_kernel.load_of_effects if effects else fixed_step_kernel.no_load
     one = specialise(fixed_step_kernel.run, f"run_{full}", _step=step, _load=load)
-    return fixed_step_kernel.OnDemand(name, specialise(template, full, run=one), signature, price)
+    return fixed_step_kernel.OnDemand(name, specialise(template, full, run=one), signature)
 
 
 def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:

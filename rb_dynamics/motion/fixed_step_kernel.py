@@ -1,10 +1,9 @@
 """Kernels for fixed steps: many steps of one length in one compiled call.
 
-The same function runs in plain Python and, if numba is installed (extra `fast`) and it pays, compiled, with the same
-bits. It pays if the steps so far and those known to come take plain Python longer than loading the kernel from the
-cache (a tenth of a second). If the cache lacks a kernel, another process compiles it meanwhile. The environment
-variable `RB_DYNAMICS_COMPILE` overrides this: `never`, `always` (at the first step, by this process) or `auto` (the
-default).
+The same function runs in plain Python and, if numba is installed (extra `fast`), compiled, with the same bits. All but
+the shortest runs use the kernels that the cache has; those that it lacks are compiled meanwhile by another process. The
+environment variable `RB_DYNAMICS_COMPILE` overrides this: `never`, `always` (at the first step, by this process) or
+`auto` (the default).
 
 Scenes with effects of this package have kernels of their own (`loads/compiled_load.py`). Other loads that vary within a
 step have none.
@@ -25,7 +24,7 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from functools import cache
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.compiled_load import EffectLoad
@@ -56,37 +55,17 @@ if TYPE_CHECKING:
 WITH_EFFECTS = "_with_effects"
 """Suffix of the names of kernels for scenes with effects."""
 
-PRICE_OF_EFFECTS = 1.5
-"""Factor by which effects lengthen a step in plain Python."""
-
 LONGEST_STRETCH = 10_000
 """Largest number of steps in a call: more would save nothing, and all are repeated if one of them is refused."""
 
-WORTH_COMPILING = 200_000
-"""Number of `rk4` steps that take as long in plain Python as compiling a kernel: 2 to 6 s."""
+FEW = 500
+"""Steps of most methods that take plain Python as long as loading LLVM, which comes with the first kernel: 0.06 s."""
 
-WORTH_LOADING = 2_000
-"""The same for loading the first kernel from the cache, and with it LLVM: 0.08 s."""
-
-# The same for loading another kernel.
-_WORTH_ANOTHER = 50
+MANY = 50_000
+"""Steps that take plain Python as long as compiling a kernel for them: 2 to 10 s, as dear steps have large kernels."""
 
 # Number of requests for a kernel after which to check whether another process has compiled it.
 _ASKS = 200
-
-# Time of a step in plain Python relative to rk4, if different: the plain column of `benchmarks/kernels.py`.
-_PLAIN_PRICE = {
-    name: price
-    for price, names in (
-        (0.4, "euler"),
-        (2.0, "rkmk4 cf4"),
-        (3.0, "dverk rkmk54 dlm4 dmv82 strang2 exact"),
-        (4.5, "taylor dop853 dlm6 dmv864 dmv104 midpoint4"),
-        (8.5, "midpoint6"),
-        (20.0, "strang6"),
-    )
-    for name in names.split()
-}
 
 _SIGNATURE = "void(float64[::1], float64, int64)"
 
@@ -166,41 +145,39 @@ def plain(method: Method, load: Callable[..., Any] = no_load) -> Callable[..., t
 
 
 class Tally:
-    """Counts steps taken without kernels, to decide whether one is worth compiling; shared by all runs of a process.
+    """Counts steps taken without kernels, of which a few take none and many are compiled here; shared by a process.
 
     A run within `counted_by(tally)` decides as if it were alone in its process, whatever is loaded.
 
     Attributes:
-        used: the kernels that paid.
+        used: the kernels that were there or have been compiled.
         built: time (s) to compile or load each kernel, by name.
     """
 
     def __init__(
         self,
         scale: float = 1.0,
-        worth: float | None = None,
         clock: Callable[[], float] = time.perf_counter,
         built: dict[str, float] | None = None,
         compiling: Callable[[str], None] | None = None,
+        missing: Literal["beside", "here", "plain"] = "here",
         *,
-        beside: bool = False,
+        none: bool = False,
     ) -> None:
         """Start counting.
 
         Args:
             scale: weight of each step, if only a part of a run is executed.
-            worth: number of steps for which compiling pays, in place of `WORTH_COMPILING`; if infinite, loading does
-            not pay
-                either.
             clock: returns the time, s.
             built: receives the times to compile or load.
             compiling: called with the name of a kernel before it is compiled (not when it is loaded from the cache).
-            beside: let another process compile, if there is one.
+            missing: where to compile kernels that the cache lacks, if at all; "beside" is another process.
+            none: use no kernel, even from the cache.
         """
         self.used: set[OnDemand] = set()
         self.built = {} if built is None else built
-        self.worth, self.clock, self.compiling = worth, clock, compiling
-        self.beside, self._scale = beside, scale
+        self.clock, self.compiling = clock, compiling
+        self.missing, self.none, self._scale = missing, none, scale
         self._steps: dict[OnDemand, float] = {}
 
     @property
@@ -221,13 +198,13 @@ class Tally:
 # Any arc may end with a step, or with two halves of one.
 _TELLS_NOTHING = 2.0
 
-_of_the_process = Tally(beside=True)
+_of_the_process = Tally(missing="beside")
 _tally = ContextVar("_tally", default=_of_the_process)
 
 
 @contextlib.contextmanager
 def counted_by(tally: Tally) -> Iterator[None]:
-    """Let `tally` decide in this context which kernels to compile; `RB_DYNAMICS_COMPILE` still applies."""
+    """Let `tally` decide in this context which kernels to use; `RB_DYNAMICS_COMPILE` still applies."""
     token = _tally.set(tally)
     try:
         yield
@@ -236,19 +213,19 @@ def counted_by(tally: Tally) -> Iterator[None]:
 
 
 class OnDemand:
-    """A function that is compiled once that pays."""
+    """A function that is compiled or loaded once it is needed."""
 
-    def __init__(self, method: str, function: Callable[..., Any], signature: str, price: float = 1.0) -> None:
+    def __init__(self, method: str, function: Callable[..., Any], signature: str, steps: float = 1.0) -> None:
         """Prepare, without compiling.
 
         Args:
             method: the method that the function belongs to.
             function: the function to compile; cached by its name.
             signature: its types, as numba writes them.
-            price: cost of a call for one step in plain Python, in steps of the method.
+            steps: number of steps of the method that take as long in plain Python as one call for one step.
         """
         self._method, self._function, self._signature = method, function, signature
-        self._price = price * _PLAIN_PRICE.get(method, 1.0)
+        self._each = steps
         self._compiled: Native | None = None
         self._given_up = False
         # Number of requests until the next check whether another process has compiled it.
@@ -268,18 +245,18 @@ class OnDemand:
         tally = _tally.get()
         if self in tally.used or (tally.used and is_cached(self.name)):
             return True
-        return tally.beside and _when() == "auto" and self.get(missed, missed) is not None
+        return tally.missing == "beside" and _when() == "auto" and self.get(missed, missed) is not None
 
     def get(self, ahead: float, missed: float) -> Native | None:
-        """Return the compiled function; None if compiling does not pay for `ahead` more steps.
+        """Return the compiled function; None if there is none for `ahead` more steps.
 
         In that case, `missed` of them will be taken without it.
         """
         when, tally = _when(), _tally.get()
-        if when == "never" or tally.worth == math.inf:
+        if when == "never" or tally.none:
             return None
         try:
-            if self not in tally.used and (when == "always" or self._is_worth(tally, ahead * self._price)):
+            if self not in tally.used and (when == "always" or self._is_due(tally, ahead * self._each)):
                 self.build(tally)
                 tally.used.add(self)
         except (ImportError, OSError, RuntimeError) as error:
@@ -288,10 +265,10 @@ class OnDemand:
             self._give_up(str(error))
         if self in tally.used:
             return self._compiled
-        tally.miss(self, missed * self._price)
+        tally.miss(self, missed * self._each)
         return None
 
-    def _is_worth(self, tally: Tally, ahead: float) -> bool:
+    def _is_due(self, tally: Tally, ahead: float) -> bool:
         """Return whether to compile or load it now. If another process is to compile it, send the request."""
         if self._given_up or not available():
             return False
@@ -299,19 +276,19 @@ class OnDemand:
             self._give_up(f"nothing is compiled now; `rb-dynamics compile {self.name}` does it ahead")
             return False
         steps = tally.expected(self, ahead)
-        if steps >= (_WORTH_ANOTHER if tally.used else WORTH_LOADING):
+        if tally.used or steps >= FEW:
             # Looking for a file takes as long as half a step.
             self._look_after -= 1
-            if self._look_after > 0 and tally.beside:
+            if self._look_after > 0 and tally.missing == "beside":
                 return False
             if is_cached(self.name):
                 return True
-            if tally.beside and ask_for(self.name):
+            if tally.missing == "beside" and ask_for(self.name):
                 self._look_after = _ASKS
                 if reason := failure_of(self.name):
                     self._give_up(reason)
                 return False
-        return steps >= (WORTH_COMPILING if tally.worth is None else tally.worth)
+        return tally.missing != "plain" and steps >= MANY
 
     def _give_up(self, reason: str) -> None:
         self._given_up = True
@@ -340,8 +317,7 @@ class Kernel(OnDemand):
         if effects:
             name += WITH_EFFECTS
             run = specialise(run, f"{run.__name__}{WITH_EFFECTS}", _load=load_of_effects)
-        price = PRICE_OF_EFFECTS if effects else 1.0
-        super().__init__(method.name, specialise(_run_on_numbers, name, run=run), _SIGNATURE, price)
+        super().__init__(method.name, specialise(_run_on_numbers, name, run=run), _SIGNATURE)
 
     def after(
         self,
@@ -356,8 +332,8 @@ class Kernel(OnDemand):
     ) -> PhaseState | None:
         """Return the phase after n steps of h s; None if they must be taken in plain Python.
 
-        That is so if a step is refused, or if compiling does not pay for `ahead` more steps; then `missed` of them are
-        taken before the next call.
+        That is so if a step is refused, or if there is no kernel for `ahead` more steps; then `missed` are taken before
+        the next call.
         """
         compiled = self.get(ahead, missed)
         if compiled is None:
@@ -392,11 +368,9 @@ def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
     return Kernel(method, effects=effects) if compiles(method, effects=effects) else None
 
 
-def longest_in_plain(method: Method, worth: float) -> float:
-    """Return the number of steps of `method` that take as long as `worth` steps of `rk4`; inf without a kernel."""
-    if _when() == "never" or not available() or not method.compiles:
-        return math.inf
-    return worth / _PLAIN_PRICE.get(method.name, 1.0)
+def longest_in_plain(method: Method) -> float:
+    """Return how many steps of `method` stay in plain Python; inf if it has no kernel."""
+    return math.inf if _when() == "never" or not available() or not method.compiles else MANY
 
 
 def _when() -> str:

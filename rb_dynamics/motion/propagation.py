@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 # Cost of an edge in plain Python, in steps of rk4.
-_PRICE_OF_AN_EDGE = 8
+_STEPS_PER_EDGE = 8
 _EXACT_WHOLE = 2**53
 
 
@@ -144,14 +144,14 @@ class Propagated(NamedTuple):
 
 
 def pays(edges: int) -> bool:
-    """Return whether the kernel is loaded, or loading or compiling it pays for this number of edges."""
-    return layout.PROPAGATE.get(edges * _PRICE_OF_AN_EDGE, 0) is not None
+    """Return whether there is a kernel for this number of edges."""
+    return layout.PROPAGATE.get(edges * _STEPS_PER_EDGE, 0) is not None
 
 
 def propagate(
     inertia: Inertia, arc_state: ArcState, arcs: Arcs, edges: Edges, effects: tuple[float, ...] = ()
 ) -> Propagated | None:
-    """Propagate from edge to edge, as far as the kernel can; None if it does not pay or the times are too large for it.
+    """Propagate from edge to edge, as far as the kernel can; None if there is none or the times are too large for it.
 
     `effects` are the numbers of the effects, which act throughout.
     """
@@ -185,7 +185,7 @@ def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
 def _kernels(
     driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, *, effects: bool
 ) -> list[Callable[..., Any]] | None:
-    """Return the kernel for propagation and the kernels that it calls; None if one of them does not pay."""
+    """Return the kernel for propagation and the kernels that it calls; None if one is missing."""
     steps: OnDemand | None = layout.CLOSED_FORM
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
@@ -195,7 +195,7 @@ def _kernels(
         strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=effects)
     wanted = (layout.PROPAGATE, steps, strides, layout.CLOSED_FORM if closed else steps)
     # Request all of them, so that the next call finds all compiled.
-    found = [None if each is None else each.get(edges * _PRICE_OF_AN_EDGE, 0) for each in wanted]
+    found = [None if each is None else each.get(edges * _STEPS_PER_EDGE, 0) for each in wanted]
     return [each for each in found if each is not None] if None not in found else None
 
 

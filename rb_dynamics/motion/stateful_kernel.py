@@ -17,7 +17,7 @@ from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, ha
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wheel_set import inner_torque, length_of, momentum_in, states_of
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.fixed_step_kernel import PRICE_OF_EFFECTS, OnDemand
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.inner_states import difference
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
@@ -49,9 +49,6 @@ _WHEELS = _ROWS + _MOST_STAGES * (_MOST_STAGES + 3)
 _OF_EACH_STATE = 4 + _MOST_STAGES
 _RESULT, _FIFTH, _THIRD = _MOST_STAGES, _MOST_STAGES + 1, _MOST_STAGES + 2
 _SIGNATURE = "void(float64[::1], float64)"
-
-# Cost of a step with wheels in plain Python, in steps of the method.
-_PRICE = 2.0 * PRICE_OF_EFFECTS
 _PHASE = Struct(f"{PHASE}d")
 
 
@@ -185,8 +182,8 @@ def stateful_kernels(method: Method) -> StatefulKernels | None:
     step = specialise(_step_on_numbers, f"step_{name}", _step=method.step)
     pair = None if method.pair is None else specialise(_pair_on_numbers, f"pair_{name}", _pair=method.pair)
     return StatefulKernels(
-        OnDemand(method.name, step, _SIGNATURE, _PRICE),
-        None if pair is None else OnDemand(method.name, pair, _SIGNATURE, _PRICE),
+        OnDemand(method.name, step, _SIGNATURE),
+        None if pair is None else OnDemand(method.name, pair, _SIGNATURE),
         _weights(tableau),
     )
 

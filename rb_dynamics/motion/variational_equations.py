@@ -316,7 +316,7 @@ plain = specialise(
 )
 
 # Cost of a step in plain Python, in steps of rk4, for any number of columns.
-VARIATIONAL = OnDemand("identify", propagate_sensitivities, _SIGNATURE, price=50.0)
+VARIATIONAL = OnDemand("identify", propagate_sensitivities, _SIGNATURE, steps=50.0)
 
 
 def kernel(steps: int, calls: int) -> Callable[..., None]:

@@ -131,7 +131,7 @@ class Plan:
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales)
 
     def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
-        """Go from edge to edge by the propagation kernel; None if it does not take that, or is not worth compiling.
+        """Go from edge to edge by the propagation kernel; None if it does not take that, or is missing.
 
         Returns the arc that has been reached, and how far it has come.
         """

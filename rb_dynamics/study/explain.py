@@ -46,9 +46,6 @@ _LEAST_STEPS = 16
 # The first part of a timed run, as a power of 1/2 of it: the cost of a simulated second is not yet known.
 _SMALLEST_PART = 32
 
-# For the comparison run, only cached kernels are loaded; none is compiled.
-_LOADING_ALONE = 1e300
-
 # Simulated time run before the stopwatch starts, for imports and tables.
 _WARM_UP_NS = 1000
 
@@ -341,7 +338,7 @@ def _measured(
     Kernels are decided on as in a run of `length` s, which may be longer than the measured one.
     """
     scene = scene if with_outputs else without_outputs(scene)
-    with counted_by(stopwatch.tally(worth=math.inf)):
+    with counted_by(stopwatch.tally(none=True)):
         _start(scene, commands).advance(_WARM_UP_NS)
     for _ in range(2):
         tally = stopwatch.tally()
@@ -424,7 +421,7 @@ def _errors(
     for name, accuracy in _others(scene, run.moving, finest):
         solver = Solver(name, accuracy=accuracy)
         try:
-            with counted_by(stopwatch.tally(worth=_LOADING_ALONE)):
+            with counted_by(stopwatch.tally(missing="plain")):
                 check = _timed(replace(scene, solver=solver), commands, length, budget, stopwatch, False)[0]
             truth = check.look()
             if run.look().time_ns > truth.time_ns:

@@ -1,6 +1,6 @@
 """`Stopwatch`: measures run times without the time that kernels take to compile or load.
 
-Whether a kernel is worth compiling is decided in `motion/fixed_step_kernel.py`, from the counts made here.
+Whether a kernel is used is decided in `motion/fixed_step_kernel.py`, from the counts made here.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import Literal
 
 from rb_dynamics.motion.fixed_step_kernel import Tally
 
@@ -36,8 +37,7 @@ class Stopwatch:
         """Return the time (s), without compiling and loading."""
         return self._clock() - math.fsum(self.kernels.values())
 
-    def tally(self, scale: float = 1.0, worth: float | None = None) -> Tally:
+    def tally(self, scale: float = 1.0, *, none: bool = False, missing: Literal["here", "plain"] = "here") -> Tally:
         """Return a tally that records here what is compiled or loaded."""
-        if math.fsum(self.kernels.values()) >= self._room:
-            worth = math.inf
-        return Tally(scale, worth, self._clock, self.kernels, self._compiling)
+        none = none or math.fsum(self.kernels.values()) >= self._room
+        return Tally(scale, self._clock, self.kernels, self._compiling, missing, none=none)

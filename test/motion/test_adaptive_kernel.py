@@ -165,8 +165,8 @@ def test_a_choice_is_made_after_the_same_strides(monkeypatch: pytest.MonkeyPatch
 @needs_numba
 def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
-    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_COMPILING", 300)
-    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.WORTH_LOADING", 300)
+    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.FEW", 300)
+    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.MANY", 300)
     # As where no other process can compile, and none has.
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.is_cached", lambda name: False)
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.ask_for", lambda name: False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import os
 import random
 import subprocess
@@ -208,24 +207,28 @@ def test_stretches_meet_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @needs_numba
-def test_is_compiled_when_the_steps_are_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A short run never waits; after many short ones compilation pays, and then every step is compiled."""
+def test_what_is_in_the_cache_is_used_after_a_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short run does not load LLVM; many short ones do, once, and then every step is compiled."""
     monkeypatch.setattr(fixed_step_kernel._of_the_process, "used", set())
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
-    monkeypatch.setattr(fixed_step_kernel, "WORTH_COMPILING", 1000)
-    monkeypatch.setattr(fixed_step_kernel, "WORTH_LOADING", 1000)
     inertia, held, step, phase = case(random.Random(5))
     runs = fixed_step_kernel.Kernel(METHODS["rk4"])
+    runs.build(fixed_step_kernel.Tally())
 
-    assert runs.after(inertia, held, step, 400, phase, 400, 400) is None
-    assert runs.after(inertia, held, step, 400, phase, 400, 400) is None
-    assert runs.after(inertia, held, step, 400, phase, 400, 400) is not None
+    assert runs.after(inertia, held, step, 200, phase, 200, 200) is None
+    assert runs.after(inertia, held, step, 200, phase, 200, 200) is None
+    assert runs.after(inertia, held, step, 200, phase, 200, 200) is not None
     assert runs.after(inertia, held, step, 1, phase, 1, 1) is not None
+    # With LLVM the rest of the cache comes at once.
+    other = fixed_step_kernel.Kernel(METHODS["euler"])
+    other.build(fixed_step_kernel.Tally())
+    assert other.after(inertia, held, step, 1, phase, 1, 1) is not None
 
 
 @needs_numba
 def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(fixed_step_kernel, "is_cached", lambda name: False)
     inertia, held, step, phase = case(random.Random(5))
     runs, built = fixed_step_kernel.Kernel(METHODS["rk4"]), {}
 
@@ -233,40 +236,20 @@ def test_a_tally_of_its_own_decides_as_a_new_process_would(monkeypatch: pytest.M
         with fixed_step_kernel.counted_by(tally):
             return [runs.after(inertia, held, step, n, phase, n, n) is not None for n in stretches]
 
-    assert compiles(fixed_step_kernel.Tally(worth=1000, built=built), 500, 499, 1, 1) == [False, False, True, True]
+    assert compiles(fixed_step_kernel.Tally(built=built), 25_000, 24_999, 1, 1) == [False, False, True, True]
     assert built.keys() == {"_run_on_numbers_rk4"}
     # It is loaded now, and this is found out by nobody.
-    assert compiles(fixed_step_kernel.Tally(worth=1000, built=(again := {})), 500, 499) == [False, False]
+    assert compiles(fixed_step_kernel.Tally(built=(again := {})), 25_000, 24_999) == [False, False]
     # A step stands for many, but for the one or two that any arc may end with.
-    assert compiles(fixed_step_kernel.Tally(scale=1e6, worth=1e5), 1, 1, 1) == [False, False, True]
-    assert compiles(fixed_step_kernel.Tally(worth=math.inf), 10**6) == [False]
+    assert compiles(fixed_step_kernel.Tally(scale=1e6), 1, 1, 1) == [False, False, True]
+    assert compiles(fixed_step_kernel.Tally(none=True), 10**6) == [False]
+    assert compiles(fixed_step_kernel.Tally(missing="plain"), 10**6) == [False]
     assert again == {}
     assert not fixed_step_kernel.Tally().asked
 
 
 @needs_numba
-def test_dear_steps_are_worth_compiling_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fixed_step_kernel._of_the_process, "used", set())
-    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
-    monkeypatch.setattr(fixed_step_kernel, "WORTH_COMPILING", 1000)
-    monkeypatch.setattr(fixed_step_kernel, "WORTH_LOADING", 1000)
-    inertia, held, step, phase = case(random.Random(5))
-    for name in ("dop853", "rk4"):
-        fixed_step_kernel.Kernel(METHODS[name]).build(fixed_step_kernel.Tally())
-
-    assert fixed_step_kernel.Kernel(METHODS["euler"]).after(inertia, held, step, 1, phase, 1000, 1000) is None
-    assert fixed_step_kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 400, 400) is None
-    assert fixed_step_kernel.Kernel(METHODS["dop853"]).after(inertia, held, step, 1, phase, 400, 400) is not None
-    # With LLVM, which has been loaded by now, the rest of the cache comes at once.
-    assert fixed_step_kernel.Kernel(METHODS["rk4"]).after(inertia, held, step, 1, phase, 50, 50) is not None
-
-
-def test_every_price_is_that_of_a_method() -> None:
-    assert set(fixed_step_kernel._PLAIN_PRICE) <= set(METHODS)
-
-
-@needs_numba
-def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_process_loads_what_is_in_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     inertia, held, step, phase = case(random.Random(5))
     monkeypatch.setattr(fixed_step_kernel._of_the_process, "used", set())
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
@@ -276,13 +259,13 @@ def test_what_is_in_the_cache_is_worth_less(monkeypatch: pytest.MonkeyPatch) -> 
 
     assert (
         fixed_step_kernel.Kernel(METHODS["rk4"]).after(
-            inertia, held, step, 1, phase, fixed_step_kernel.WORTH_LOADING - 1, fixed_step_kernel.WORTH_LOADING - 1
+            inertia, held, step, 1, phase, fixed_step_kernel.FEW - 1, fixed_step_kernel.FEW - 1
         )
         is None
     )
     assert (
         fixed_step_kernel.Kernel(METHODS["rk4"]).after(
-            inertia, held, step, 1, phase, fixed_step_kernel.WORTH_LOADING, fixed_step_kernel.WORTH_LOADING
+            inertia, held, step, 1, phase, fixed_step_kernel.FEW, fixed_step_kernel.FEW
         )
         is not None
     )
@@ -317,7 +300,7 @@ def test_what_another_process_cannot_compile_runs_in_plain_python(
     runs = fixed_step_kernel.OnDemand("rk4", _doubled, "void(float64[::1])")
     compilation.keep_failure("_doubled", "for some reason")
 
-    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(beside=True)):
+    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(missing="beside")):
         assert runs.get(10**9, 0) is None
     assert "rk4 runs in plain Python: for some reason" in caplog.text
 
@@ -335,8 +318,8 @@ def test_where_nothing_can_be_compiled_the_run_goes_on(
     runs = fixed_step_kernel.Kernel(replace(METHODS["rk4"], name="hopeless", step=step))
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
 
-    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(worth=1)):
-        assert runs.after(inertia, held, h, 1, phase, 1, 1) is None
+    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally()):
+        assert runs.after(inertia, held, h, 1, phase, fixed_step_kernel.MANY, 1) is None
     assert "hopeless runs in plain Python" in caplog.text
 
 

@@ -28,9 +28,6 @@ _PARTS = 64
 
 _SAMPLES = 256
 
-WORTH_COMPILING_ONCE = 20_000
-"""Steps of `rk4` that take as long as is spent on compiling a kernel: what is compared is a run that finds it there."""
-
 # To measure the cost of outputs, run with them for this time (s) or for this share of a run without them.
 _SHORT, _SHARE = 0.005, 0.25
 
@@ -127,7 +124,7 @@ class Excerpt:
         seconds = reached_ns / NANOSECONDS
         if tally.asked or reached_ns == end_ns:
             # Run again with all kernels loaded, and with the step count of a whole run deciding on further ones.
-            tally = self.clock.tally(self.whole / seconds, WORTH_COMPILING_ONCE)
+            tally = self.clock.tally(self.whole / seconds)
             tally.used.update(used)
             took = min(took, self._reached(solver, tally, self.scene.output_rate, reached_ns)[1])
         if reached_ns == end_ns:
@@ -160,7 +157,7 @@ class Excerpt:
         The kernels in `used` are active from the first step: in a long run, the few steps before they are loaded do not
         matter.
         """
-        tally = self.clock.tally(self.whole / self.seconds, WORTH_COMPILING_ONCE)
+        tally = self.clock.tally(self.whole / self.seconds)
         tally.used.update(used)
         return tally
 
@@ -168,7 +165,7 @@ class Excerpt:
         """Run a moment of the scene, so that the method's imports and tables are not part of a measurement."""
         moment = replace(self, seconds=SHORTEST, horizon=SHORTEST, commands=self.commands[:1])
         with suppress(ConvergenceError):
-            moment.run(solver, self.clock.tally(worth=math.inf), parts=1)
+            moment.run(solver, self.clock.tally(none=True), parts=1)
 
     def look(self, tally: Tally | None = None, limit: float = math.inf) -> Excerpt:
         """Return the excerpt with path, distance, rate and end filled in by a run, in plain Python without `tally`.
@@ -179,7 +176,7 @@ class Excerpt:
         run, samples = self._new(self.pilot, _SAMPLES / self.seconds), []
         begin = self.clock()
         post_all(run, self.commands)
-        with counted_by(tally or self.clock.tally(worth=math.inf)):
+        with counted_by(tally or self.clock.tally(none=True)):
             for _ in range(_SAMPLES + 1):
                 run.advance(run.next_output_ns())
                 samples.append(run.sample)
@@ -279,7 +276,7 @@ def _longest(trial: Excerpt, limit: float) -> Excerpt:
     whole = trial.seconds
     part = shorter = trial.part(min(whole, max(SHORTEST, whole * 2.0**-40)))
     part.warm_up(trial.pilot)
-    while (run := part.run(trial.pilot, trial.clock.tally(worth=math.inf), limit)) is not None:
+    while (run := part.run(trial.pilot, trial.clock.tally(none=True), limit)) is not None:
         longer = min(16.0, 0.7 * limit / run.time) * part.seconds
         if part.seconds == whole or longer < 1.2 * part.seconds:
             break

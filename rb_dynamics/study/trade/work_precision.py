@@ -13,7 +13,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.scene.model import Solver
-from rb_dynamics.study.trade.excerpt import WORTH_COMPILING_ONCE, Excerpt, TimedRun
+from rb_dynamics.study.trade.excerpt import Excerpt, TimedRun
 from rb_dynamics.study.trade.load_evaluations import evaluations_in
 from rb_dynamics.study.trade.reference import settings_of
 from rb_dynamics.study.trade.refinement import TIME_IS_UP, Refinement
@@ -74,7 +74,7 @@ class WorkPrecision:
         if not rows or rows[-1].step is None or rows[-1].compiled:
             return far, math.inf
         last = rows[-1]
-        most = longest_in_plain(METHODS[last.method], WORTH_COMPILING_ONCE) * self._trial.seconds / self._trial.whole
+        most = longest_in_plain(METHODS[last.method]) * self._trial.seconds / self._trial.whole
         # If an earlier run took more steps in plain Python than that, nothing is compiled.
         return far, last.bare_time_per_s * self._trial.seconds * most / last.steps if last.steps <= most else math.inf
 
