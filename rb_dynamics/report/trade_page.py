@@ -5,30 +5,36 @@ Every number comes from a `Trade`.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from xml.etree.ElementTree import Element, SubElement, tostring
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by, printable
+from rb_dynamics.report import html
+from rb_dynamics.report.html import Report, Section, Table, Tile, made_by
 from rb_dynamics.report.interactive_plots import Array, Curve, Picture, Plot
-from rb_dynamics.report.svg import COLORS
+from rb_dynamics.report.svg import COLORS, TEXT, picture
 from rb_dynamics.study.trade import Trade, TradeRow
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 # Three more, with the same contrast.
 _COLORS = (*COLORS, "#7b73d9", "#5b9122", "#7d828a")
-_DASHES = ("", "6 3", "2 2.5", "8 3 2 3", "1 3")
+_DASHES = ("-", (0, (4.6, 2.3)), (0, (1.5, 1.9)), (0, (6.2, 2.3, 1.5, 2.3)), (0, (0.8, 2.3)))
+_MARKS = "os^"
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _HEIGHT, _BOTTOM = 690.0, 58.0, 14.0, 24.0, 360.0, 42.0
 _LEGEND_COLUMNS, _LEGEND_ROW = 6, 17.0
 
 # Larger errors than a whole revolution are not distinguished.
 _WORST = 10.0
-
-# Height of a label, and width of one of its letters.
-_NAME, _LETTER = 11.0, 5.0
 
 # This fraction of the height is below the lines, for their labels.
 _BELOW = 0.3
@@ -58,7 +64,7 @@ def trade_report(found: Trade) -> Report:
         ),
         Section(
             "Speed and accuracy",
-            figures=[Figure(Picture(work_precision(found), lambda: [_plot(found)]), _CAPTION)] if found.rows else (),
+            figures=[html.Figure(work_precision(found), _CAPTION)] if found.rows else (),
         ),
         Section("The front", _COLUMNS, table=_table(found, found.front)),
         Section("The reference", trusted),
@@ -175,33 +181,77 @@ def _cells(found: Trade, row: TradeRow) -> list[str]:
     ]
 
 
-def work_precision(found: Trade) -> str:
-    """Return error against time per simulated second as an SVG element, both logarithmic, one line per method."""
-    styles = _styles(list(dict.fromkeys(row.method for row in found.rows)))
-    height = _TOP + _HEIGHT + _BOTTOM + _LEGEND_ROW * math.ceil(len(styles) / _LEGEND_COLUMNS)
+def work_precision(found: Trade) -> Picture:
+    """Return error against time per simulated second, both logarithmic, one line per method.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    methods = len({row.method for row in found.rows})
+    height = _TOP + _HEIGHT + _BOTTOM + _LEGEND_ROW * math.ceil(methods / _LEGEND_COLUMNS)
+    across, up = _limits(found)
+    # Titles are shown under the pointer; matplotlib has none.
+    titles = []
+    for row, x, y in zip(found.rows, *_columns(found.rows), strict=True):
+        left, top = (_WIDTH - _LEFT - _RIGHT) * _share(x, across), _HEIGHT * (1.0 - _share(y, up))
+        place = {"cx": f"{_LEFT + left:.1f}", "cy": f"{_TOP + top:.1f}"}
+        titles.append(Element("circle", {**place, "r": "4", "fill": "transparent"}))
+        error = f"error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
+        SubElement(titles[-1], "title").text = f"{_name(row)}: {error}"
     name = "Error against computing time, one line per method"
-    root = Element("svg", {"viewBox": f"0 0 {_WIDTH:g} {height:g}", "role": "img", "aria-label": name})
-    times = [row.time_per_s for row in found.rows] + ([1.0 / found.budget] if found.budget else [])
-    lines = [found.reference.error] + ([found.target] if found.target else [])
-    errors = [row.error for row in found.rows] + lines + [_BELOW * min(lines)]
-    across = _Axis(times, _LEFT, _WIDTH - _RIGHT)
-    up = _Axis([min(error, _WORST) for error in errors], _TOP + _HEIGHT, _TOP)
-    _text(root, 2.0, 12.0, "Error [rad, or relative to the path]", "font-size: 11px; font-weight: 600")
-    _grid(root, across, up)
-    names = _bounds(root, found, across, up)
-    at = {row: (across.place(row.time_per_s), up.place(min(row.error, _WORST))) for row in found.rows}
-    _staircase(root, [at[row] for row in found.front])
-    for method, style in styles.items():
-        rows = [row for row in found.rows if row.method == method]
-        style.line(root, [at[row] for row in rows])
-        for row in rows:
-            error = f"error {row.error:.1e}, {row.real_time_factor:.3g} times real time"
-            SubElement(style.mark(root, *at[row]), "title").text = f"{_name(row)}: {error}"
-    _mark_front(root, [(_name(row), *at[row]) for row in found.front], names)
-    if found.recommended is not None:
-        _ring(root, *at[found.recommended.row], 8.5)
-    _legend(root, styles)
-    return tostring(root, encoding="unicode")
+    drawn = picture(lambda figure, _: _draw(figure, found), (_WIDTH, height), name, above=titles)
+    return replace(drawn, plots=lambda: [_plot(found)])
+
+
+def _draw(figure: Figure, found: Trade) -> None:
+    height = 72.0 * figure.get_figheight()
+    box = (_LEFT / _WIDTH, 1.0 - (_TOP + _HEIGHT) / height, (_WIDTH - _LEFT - _RIGHT) / _WIDTH, _HEIGHT / height)
+    across, up = _limits(found)
+    axes = figure.add_axes(box, xscale="log", yscale="log", xlim=across, ylim=up)
+    _frame(axes)
+    for method, look in _looks(list(dict.fromkeys(row.method for row in found.rows))).items():
+        points = _columns([row for row in found.rows if row.method == method])
+        axes.plot(*points, label=method, linewidth=1.3, markersize=5.0, **look)
+    below: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.1), "frameon": False}
+    axes.legend(ncols=_LEGEND_COLUMNS, labelcolor=TEXT, **below)
+    _mark_front(axes, found)
+    _bounds(axes, found, _Names(axes))
+
+
+def _limits(found: Trade) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the first and the last number of both axes."""
+    times, errors = (each.tolist() for each in _columns(found.rows))
+    lines = [found.reference.error] + ([min(found.target, _WORST)] if found.target else [])
+    asked = [1.0 / found.budget] if found.budget else []
+    return _decades(times + asked), _decades([*errors, *lines, _BELOW * min(lines)])
+
+
+def _decades(values: Sequence[float]) -> tuple[float, float]:
+    """Return the whole decades that hold the positive ones of `values`: at least one."""
+    positive = [value for value in values if value > 0.0]
+    low = math.floor(math.log10(min(positive)))
+    return 10.0**low, 10.0 ** max(low + 1, math.ceil(math.log10(max(positive))))
+
+
+def _share(value: float, limits: tuple[float, float]) -> float:
+    """Return where `value` is on a logarithmic axis, from 0 to 1."""
+    return math.log(value / limits[0]) / math.log(limits[1] / limits[0])
+
+
+def _frame(axes: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_xlabel("computing for each simulated second [s]", color=TEXT)
+    axes.set_title("Error [rad, or relative to the path]", loc="left", color=TEXT, fontsize=11.0, weight="bold")
+    axes.grid(color="#808080", alpha=0.25, linewidth=0.6)
+    axes.tick_params(length=0.0, labelcolor=TEXT)
+    axes.spines[:].set_visible(False)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(numticks=16))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"1e{math.log10(value):.0f}".replace("-", "\N{MINUS SIGN}"))
+        )
 
 
 def _plot(found: Trade) -> Plot:
@@ -237,171 +287,71 @@ def _name(row: TradeRow) -> str:
 class _Names:
     """Writes labels where there is room."""
 
-    def __init__(self, root: Element) -> None:
-        self._root = root
-        self._taken: list[tuple[float, float, float]] = []
+    def __init__(self, axes: Axes) -> None:
+        self._axes = axes
+        self._taken: list[Bbox] = []
 
-    def write(self, name: str, x: float, y: float, *, to_left: bool = False) -> bool:
-        """Write `name` starting, or ending, at x on the line y; return whether there was room."""
-        width = _LETTER * len(name)
-        left = x - width if to_left else x
-        if left < _LEFT or any(
-            abs(y - line) < _NAME and left < end and start < left + width for start, end, line in self._taken
-        ):
+    def write(
+        self, name: str, place: tuple[float, float], aside: tuple[float, float], *, to_left: bool = False
+    ) -> bool:
+        """Write `name` starting, or ending, `aside` (pt) of a place; return whether there was room."""
+        text = self._axes.annotate(
+            name, place, aside, textcoords="offset points", ha="right" if to_left else "left", color=TEXT, fontsize=9.0
+        )
+        extent = text.get_window_extent()
+        if extent.x0 < self._axes.bbox.x0 or extent.count_overlaps(self._taken):
+            text.remove()
             return False
-        self._taken.append((left, left + width, y))
-        _text(self._root, x, y, name, f"font-size: 9px{'; text-anchor: end' * to_left}")
+        self._taken.append(extent)
         return True
 
 
-def _mark_front(root: Element, points: Sequence[tuple[str, float, float]], names: _Names) -> None:
-    """Draw rings round the runs of the front, with labels as far as there is room."""
-    for name, x, y in points:
-        _ring(root, x, y, 5.5)
+def _mark_front(axes: Axes, found: Trade) -> None:
+    """Draw the line of the front, rings round its runs, and another round the recommended one."""
+    x, y = _columns(found.front)
+    axes.step(x, y, where="post", color="#808080", alpha=0.2, linewidth=5.0)
+    rings = [(x, y, 11.0)] + ([(*_columns([found.recommended.row]), 17.0)] if found.recommended else [])
+    for x, y, size in rings:
+        axes.plot(x, y, "o", markersize=size, fillstyle="none", color=TEXT, markeredgewidth=1.2)
+
+
+def _bounds(axes: Axes, found: Trade, names: _Names) -> None:
+    """Draw the error of the reference and what was asked for, and label both and the front, as far as there is room."""
+    right, top = axes.get_xlim()[1], axes.get_ylim()[1]
+    dashed: dict[str, Any] = {"color": "#808080", "linewidth": 1.0, "alpha": 0.8, "linestyle": (0, (5, 4))}
+    dotted = {**dashed, "linestyle": (0, (1, 3))}
+    axes.axhline(found.reference.error, **dashed)
+    # No run can be below it, and to its right there is no ring of a fast one.
+    names.write("the reference is good to here", (right, found.reference.error), (-4.0, -10.0), to_left=True)
+    if found.target:
+        y = min(found.target, _WORST)
+        axes.axhline(y, **dotted)
+        place = axes.get_xlim()[0], y
+        told = f"asked for: {found.target:g}"
+        if not names.write(told, place, (4.0, 4.0)):
+            names.write(told, place, (4.0, -10.0))
+    if found.budget:
+        axes.axvline(1.0 / found.budget, **dotted)
+        names.write(f"asked for: {found.budget:g} x real time", (1.0 / found.budget, top), (4.0, -10.0))
+    for row, x, y in zip(found.front, *_columns(found.front), strict=True):
         # To the left of the front there is free space; a double ring is given room, too.
-        if not names.write(name, x - 11.0, y + 3.0, to_left=True):
-            names.write(name, x + 11.0, y - 7.0)
+        if not names.write(_name(row), (x, y), (-11.0, -3.0), to_left=True):
+            names.write(_name(row), (x, y), (11.0, 7.0))
 
 
-class _Axis:
-    """A logarithmic axis over whole decades, from `start` to `end` in the units of the picture."""
+def _looks(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return colour, mark and dash of each method; a dash for each of a family, whose names differ in the last digits.
 
-    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
-        positive = [value for value in values if value > 0.0]
-        self.low = math.floor(math.log10(min(positive)))
-        self.high = max(self.low + 1, math.ceil(math.log10(max(positive))))
-        self._start, self._scale = start, (end - start) / (self.high - self.low)
-
-    def place(self, value: float) -> float:
-        """Return the position of `value`."""
-        return self._start + self._scale * (math.log10(value) - self.low)
-
-    def ticks(self) -> list[tuple[float, str]]:
-        """Return positions and labels of the decades."""
-        every = math.ceil((self.high - self.low) / 16)
-        decades = range(self.low, self.high + 1, every)
-        return [(self.place(10.0**k), f"1e{k}".replace("-", "\N{MINUS SIGN}")) for k in decades]
-
-
-class _Style:
-    """Style of a method's line and marks: a colour and a mark for the family, a dash for the member."""
-
-    def __init__(self, family: int, member: int) -> None:
-        self._color = _COLORS[family % len(_COLORS)]
-        # The numbers of colours and of shapes are coprime, so a repeated colour has another shape.
-        self._shape = _SHAPES[family % len(_SHAPES)]
-        self._dash = _DASHES[member % len(_DASHES)]
-
-    def line(self, parent: Element, points: Sequence[tuple[float, float]]) -> None:
-        """Draw a line through `points`."""
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-        look = {"fill": "none", "stroke": self._color, "stroke-width": "1.3", "stroke-linejoin": "round"}
-        if self._dash:
-            look["stroke-dasharray"] = self._dash
-        SubElement(parent, "polyline", {"points": path, **look})
-
-    def mark(self, parent: Element, x: float, y: float) -> Element:
-        """Draw and return a mark."""
-        tag, place = self._shape(x, y)
-        return SubElement(parent, tag, {**place, "fill": self._color})
-
-
-def _styles(methods: Sequence[str]) -> dict[str, _Style]:
-    """Return a style for each method; methods whose names differ only in the final digits are a family."""
+    The numbers of colours and of marks are coprime, so a repeated colour has another mark.
+    """
     families: dict[str, int] = {}
-    styles: dict[str, _Style] = {}
+    members: Counter[str] = Counter()
+    looks: dict[str, dict[str, Any]] = {}
     for method in methods:
         name = method.rstrip("0123456789")
-        members = [other for other in styles if other.rstrip("0123456789") == name]
-        styles[method] = _Style(families.setdefault(name, len(families)), len(members))
-    return styles
-
-
-_Shape = Callable[[float, float], tuple[str, dict[str, str]]]
-
-
-def _circle(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": "3"}
-
-
-def _square(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "rect", {"x": f"{x - 2.7:.1f}", "y": f"{y - 2.7:.1f}", "width": "5.4", "height": "5.4"}
-
-
-def _triangle(x: float, y: float) -> tuple[str, dict[str, str]]:
-    return "path", {"d": f"M{x - 3.6:.1f},{y + 2.7:.1f}h7.2l-3.6,-6.3z"}
-
-
-_SHAPES: tuple[_Shape, ...] = (_circle, _square, _triangle)
-
-
-def _grid(root: Element, across: _Axis, up: _Axis) -> None:
-    bottom, right = _TOP + _HEIGHT, _WIDTH - _RIGHT
-    for x, label in across.ticks():
-        _stroke(root, [(x, _TOP), (x, bottom)], "0.6", "0.25")
-        _text(root, x, bottom + 14.0, label, "font-size: 9.5px; text-anchor: middle")
-    for y, label in up.ticks():
-        _stroke(root, [(_LEFT, y), (right, y)], "0.6", "0.25")
-        _text(root, _LEFT - 6.0, y + 3.0, label, "font-size: 9.5px; text-anchor: end")
-    middle = 0.5 * (_LEFT + right)
-    _text(
-        root,
-        middle,
-        bottom + 29.0,
-        "computing for each simulated second [s]",
-        "font-size: 9.5px; text-anchor: middle",
-    )
-
-
-def _bounds(root: Element, found: Trade, across: _Axis, up: _Axis) -> _Names:
-    """Draw the error of the reference and the target; return their labels, which other labels must avoid."""
-    right, names = _WIDTH - _RIGHT, _Names(root)
-    y = up.place(found.reference.error)
-    _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "5 4")
-    # No run can be below it, and to its right there is no ring of a fast one.
-    names.write("the reference is good to here", right - 4.0, y + _NAME, to_left=True)
-    if found.target:
-        y = up.place(min(found.target, _WORST))
-        _stroke(root, [(_LEFT, y), (right, y)], "1", "0.8", "1 3")
-        told = f"asked for: {found.target:g}"
-        if not names.write(told, _LEFT + 4.0, y - 4.0):
-            names.write(told, _LEFT + 4.0, y + _NAME)
-    if found.budget:
-        x = across.place(1.0 / found.budget)
-        _stroke(root, [(x, _TOP), (x, _TOP + _HEIGHT)], "1", "0.8", "1 3")
-        names.write(f"asked for: {found.budget:g} x real time", x + 4.0, _TOP + 9.0)
-    return names
-
-
-def _staircase(root: Element, points: Sequence[tuple[float, float]]) -> None:
-    corners = [(b[0], a[1]) for a, b in itertools.pairwise(points)]
-    path = [point for pair in itertools.zip_longest(points, corners) for point in pair if point is not None]
-    _stroke(root, path, "5", "0.2")
-
-
-def _ring(root: Element, x: float, y: float, radius: float) -> None:
-    look = {"fill": "none", "stroke": "currentColor", "stroke-width": "1.2", "class": "front"}
-    SubElement(root, "circle", {"cx": f"{x:.1f}", "cy": f"{y:.1f}", "r": f"{radius:g}", **look})
-
-
-def _legend(root: Element, styles: dict[str, _Style]) -> None:
-    width = (_WIDTH - _LEFT - _RIGHT) / _LEGEND_COLUMNS
-    rows = math.ceil(len(styles) / _LEGEND_COLUMNS)
-    for index, (method, style) in enumerate(styles.items()):
-        x, y = _LEFT + index // rows * width, _TOP + _HEIGHT + _BOTTOM + index % rows * _LEGEND_ROW + 6.0
-        style.line(root, [(x, y), (x + 26.0, y)])
-        style.mark(root, x + 13.0, y)
-        _text(root, x + 32.0, y + 3.2, method, "font-size: 9.5px")
-
-
-def _stroke(root: Element, points: Sequence[tuple[float, float]], width: str, opacity: str, dash: str = "") -> None:
-    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    look = {"fill": "none", "stroke": "#808080", "stroke-width": width, "stroke-opacity": opacity}
-    if dash:
-        look["stroke-dasharray"] = dash
-    SubElement(root, "polyline", {"points": path, **look})
-
-
-def _text(root: Element, x: float, y: float, text: str, style: str) -> None:
-    place = {"x": f"{x:.1f}", "y": f"{y:.1f}", "fill": "currentColor", "style": style}
-    SubElement(root, "text", place).text = printable(text)
+        family = families.setdefault(name, len(families))
+        dash = _DASHES[members[name] % len(_DASHES)]
+        color, mark = _COLORS[family % len(_COLORS)], _MARKS[family % len(_MARKS)]
+        looks[method] = {"color": color, "marker": mark, "linestyle": dash}
+        members[name] += 1
+    return looks
