@@ -18,26 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.mcap_records import MessageBlock
-from rb_dynamics.formats.message_types import (
-    ACCELERATION,
-    IMU,
-    INERTIA,
-    ODOMETRY,
-    PLAIN_POSE,
-    PLAIN_TWIST,
-    PLAIN_WRENCH,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    SCALAR,
-    TRANSFORM,
-    TRANSFORMS,
-    TWIST,
-    TWIST_WITH_COVARIANCE,
-    VECTOR,
-    WRENCH,
-)
 from rb_dynamics.formats.tables import Column, Rows
 from rb_dynamics.formats.topic_messages import Times, Topic, Values, unread_words
 from rb_dynamics.formats.transforms import transforms
@@ -80,15 +63,15 @@ INERTIA_PART = Quantity("inertia", ("xx", "xy", "xz", "yy", "yz", "zz"), "kg m^2
 # Of each type: its quantities, and where each begins in the numbers of a `Topic`.
 _POSE, _TWIST = ((POSITION, 0), (ORIENTATION, 3)), ((LINEAR_VELOCITY, 0), (ANGULAR_VELOCITY, 3))
 QUANTITIES: dict[str, tuple[tuple[Quantity, int], ...]] = {
-    **dict.fromkeys((POSE, POSE_WITH_COVARIANCE, TRANSFORM, PLAIN_POSE), _POSE),
-    ODOMETRY: (*_POSE, (LINEAR_VELOCITY, 7), (ANGULAR_VELOCITY, 10)),
-    **dict.fromkeys((TWIST, TWIST_WITH_COVARIANCE, PLAIN_TWIST), _TWIST),
-    ACCELERATION: ((LINEAR_ACCELERATION, 0), (ANGULAR_ACCELERATION, 3)),
-    IMU: ((ORIENTATION, 0), (ANGULAR_VELOCITY, 5), (LINEAR_ACCELERATION, 9)),
-    **dict.fromkeys((WRENCH, PLAIN_WRENCH), ((FORCE, 0), (TORQUE, 3))),
-    VECTOR: ((VECTOR_PART, 0),),
-    SCALAR: ((VALUE, 0),),
-    INERTIA: ((MASS, 0), (CENTER_OF_MASS, 1), (INERTIA_PART, 4)),
+    **dict.fromkeys((types.POSE, types.POSE_WITH_COVARIANCE, types.TRANSFORM, types.PLAIN_POSE), _POSE),
+    types.ODOMETRY: (*_POSE, (LINEAR_VELOCITY, 7), (ANGULAR_VELOCITY, 10)),
+    **dict.fromkeys((types.TWIST, types.TWIST_WITH_COVARIANCE, types.PLAIN_TWIST), _TWIST),
+    types.ACCELERATION: ((LINEAR_ACCELERATION, 0), (ANGULAR_ACCELERATION, 3)),
+    types.IMU: ((ORIENTATION, 0), (ANGULAR_VELOCITY, 5), (LINEAR_ACCELERATION, 9)),
+    **dict.fromkeys((types.WRENCH, types.PLAIN_WRENCH), ((FORCE, 0), (TORQUE, 3))),
+    types.VECTOR: ((VECTOR_PART, 0),),
+    types.SCALAR: ((VALUE, 0),),
+    types.INERTIA: ((MASS, 0), (CENTER_OF_MASS, 1), (INERTIA_PART, 4)),
 }
 
 _SIX, _THREE = ("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z")
@@ -108,10 +91,10 @@ _IMU_COVARIANCES = {
 }
 # Of each type: its covariances, in their order, and the fields of its layout that hold them.
 _COVARIANCES: dict[str, tuple[tuple[Quantity, ...], tuple[int, ...]]] = {
-    POSE_WITH_COVARIANCE: ((POSE_COVARIANCE,), (3,)),
-    TWIST_WITH_COVARIANCE: ((TWIST_COVARIANCE,), (3,)),
-    ODOMETRY: ((POSE_COVARIANCE, TWIST_COVARIANCE), (4, 6)),
-    IMU: (tuple(_IMU_COVARIANCES.values()), (3, 4, 6, 7, 9, 10)),
+    types.POSE_WITH_COVARIANCE: ((POSE_COVARIANCE,), (3,)),
+    types.TWIST_WITH_COVARIANCE: ((TWIST_COVARIANCE,), (3,)),
+    types.ODOMETRY: ((POSE_COVARIANCE, TWIST_COVARIANCE), (4, 6)),
+    types.IMU: (tuple(_IMU_COVARIANCES.values()), (3, 4, 6, 7, 9, 10)),
 }
 _ORDER = dict.fromkeys(quantity for parts in QUANTITIES.values() for quantity, _ in parts) | dict.fromkeys(
     quantity for parts, _ in _COVARIANCES.values() for quantity in parts
@@ -162,7 +145,7 @@ class Poses(NamedTuple):
     def rows(self, source: str) -> Rows:
         """Return the rows of a table; rows composed of several messages have no log time."""
         count = len(self.stamps)
-        texts = (source, self.topics, TRANSFORM, *self.frames)
+        texts = (source, self.topics, types.TRANSFORM, *self.frames)
         return [*([text] * count for text in texts), [None] * count, self.stamps.tolist(), *self.values.T.tolist()]
 
 
@@ -226,7 +209,7 @@ def messages_of(
     unread: dict[str, _Unread] = {}
     for block in open_source(path).blocks():
         parts, name = [block], block.channel.topic
-        if named_type(block.channel) == TRANSFORMS:
+        if named_type(block.channel) == types.TRANSFORMS:
             parts, rows, error = transforms(block)
             if not wanted or any(each.startswith(f"{name.lstrip('/')} ") for each in wanted):
                 unread.setdefault(name, _Unread()).add(block.log_times, rows, error, span)
@@ -275,7 +258,7 @@ def _messages(block: MessageBlock, whole: Topic, covariances: bool) -> Messages:
         parts, fields = _COVARIANCES[kind]
         spread = _taken(block, kind, fields).numbers[readable]
         values |= zip(parts, np.split(spread, len(parts), axis=1), strict=True)
-    if kind == IMU:
+    if kind == types.IMU:
         for quantity, said in _MEASURED.items():
             for part in (quantity, _IMU_COVARIANCES[quantity]):
                 if part in values:
@@ -404,7 +387,7 @@ def _cells(parts: list[Messages], quantity: Quantity, order: NDArray[np.intp]) -
     for part in parts:
         if quantity in part.values:
             rows.append(part.values[quantity].astype(object))
-            if part.type_name == IMU:
+            if part.type_name == types.IMU:
                 rows[-1][np.isnan(part.values[quantity])] = None
         else:
             rows.append(np.repeat(empty, len(part.log_times), axis=0))

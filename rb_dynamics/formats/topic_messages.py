@@ -11,25 +11,8 @@ from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.mcap_records import MessageBlock
-from rb_dynamics.formats.message_types import (
-    ACCELERATION,
-    DIAGNOSTICS,
-    IMU,
-    INERTIA,
-    ODOMETRY,
-    PLAIN_POSE,
-    PLAIN_TWIST,
-    PLAIN_WRENCH,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    SCALAR,
-    TRANSFORM,
-    TWIST,
-    TWIST_WITH_COVARIANCE,
-    VECTOR,
-    WRENCH,
-)
 from rb_dynamics.numerics.growing_array import GrowingArray
 
 Times = NDArray[np.int64]
@@ -40,21 +23,21 @@ Prints = NDArray[np.uint64]
 # Of each type that is kept as numbers: which of its fields they are. Covariances are not kept, but for those elements
 # of an Imu that say whether a quantity was measured.
 KEPT = {
-    POSE: (2,),
-    TWIST: (2,),
-    VECTOR: (2,),
-    SCALAR: (0,),
-    INERTIA: (2,),
-    WRENCH: (2,),
-    PLAIN_WRENCH: (0,),
-    ODOMETRY: (3, 5),
-    PLAIN_POSE: (0,),
-    PLAIN_TWIST: (0,),
-    POSE_WITH_COVARIANCE: (2,),
-    TWIST_WITH_COVARIANCE: (2,),
-    TRANSFORM: (3,),
-    IMU: (2, 3, 5, 6, 8, 9),
-    ACCELERATION: (2,),
+    types.POSE: (2,),
+    types.TWIST: (2,),
+    types.VECTOR: (2,),
+    types.SCALAR: (0,),
+    types.INERTIA: (2,),
+    types.WRENCH: (2,),
+    types.PLAIN_WRENCH: (0,),
+    types.ODOMETRY: (3, 5),
+    types.PLAIN_POSE: (0,),
+    types.PLAIN_TWIST: (0,),
+    types.POSE_WITH_COVARIANCE: (2,),
+    types.TWIST_WITH_COVARIANCE: (2,),
+    types.TRANSFORM: (3,),
+    types.IMU: (2, 3, 5, 6, 8, 9),
+    types.ACCELERATION: (2,),
 }
 _BATCH = 1024
 
@@ -114,7 +97,7 @@ class Topic:
             self._waiting += block.rows() if enough else [rows.copy() for rows in block.rows()]
             if enough:
                 self._take()
-        elif self.type_name == DIAGNOSTICS:
+        elif self.type_name == types.DIAGNOSTICS:
             self.messages += [row.tobytes() for rows in block.rows() for row in rows]
 
     def lose(self, rows: Sequence[int], error: LogError | None) -> None:

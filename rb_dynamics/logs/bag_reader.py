@@ -15,26 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
 from rb_dynamics.formats.mcap_channel import QOS
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.message_types import (
-    IMU,
-    ODOMETRY,
-    PLAIN_POSE,
-    PLAIN_TWIST,
-    PLAIN_WRENCH,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    SCALAR,
-    TRANSFORM,
-    TRANSFORMS,
-    TWIST,
-    TWIST_WITH_COVARIANCE,
-    VECTOR,
-    WRENCH,
-)
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
@@ -42,12 +27,16 @@ from rb_dynamics.logs.own_log import logged_scene, require_types
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
 # In the order in which they are preferred.
-POSES = dict.fromkeys((POSE, ODOMETRY, POSE_WITH_COVARIANCE, TRANSFORM, PLAIN_POSE), slice(0, 7))
-TWISTS = dict.fromkeys((TWIST, ODOMETRY, TWIST_WITH_COVARIANCE, PLAIN_TWIST), slice(0, 6)) | {ODOMETRY: slice(7, 13)}
-IMUS = {IMU: slice(0, 13)}
-_VECTORS = {VECTOR: slice(0, 3)}
-_SCALARS = {SCALAR: slice(0, 1)}
-WRENCHES = {PLAIN_WRENCH: slice(0, 6), WRENCH: slice(0, 6)}
+POSES = dict.fromkeys(
+    (types.POSE, types.ODOMETRY, types.POSE_WITH_COVARIANCE, types.TRANSFORM, types.PLAIN_POSE), slice(0, 7)
+)
+TWISTS = dict.fromkeys((types.TWIST, types.ODOMETRY, types.TWIST_WITH_COVARIANCE, types.PLAIN_TWIST), slice(0, 6)) | {
+    types.ODOMETRY: slice(7, 13)
+}
+IMUS = {types.IMU: slice(0, 13)}
+_VECTORS = {types.VECTOR: slice(0, 3)}
+_SCALARS = {types.SCALAR: slice(0, 1)}
+WRENCHES = {types.PLAIN_WRENCH: slice(0, 6), types.WRENCH: slice(0, 6)}
 
 
 @dataclass
@@ -153,13 +142,13 @@ class Bag:
         source = self._topic(topic, columns)
         return source.stamps, source.numbers[:, columns[source.type_name]]
 
-    def _topic(self, name: str, types: Mapping[str, slice]) -> Topic:
+    def _topic(self, name: str, expected: Mapping[str, slice]) -> Topic:
         topic = self.topics.get(name)
-        if topic is None or topic.type_name not in types:
+        if topic is None or topic.type_name not in expected:
             found = "no such topic" if topic is None else f"type {topic.type_name!r}"
-            usable = [other.name for other in self.topics.values() if other.type_name in types]
+            usable = [other.name for other in self.topics.values() if other.type_name in expected]
             raise LogError(
-                f"{self.path}: topic {name!r}: {found}, expected {' or '.join(types)}; the file has {usable}"
+                f"{self.path}: topic {name!r}: {found}, expected {' or '.join(expected)}; the file has {usable}"
             )
         return topic
 
@@ -178,7 +167,7 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     for block in file.blocks():
         topic = _topic_of(bag, block.channel, repeated)
         topic.take(block)
-        if topic.type_name == TRANSFORMS and RUN not in bag.metadata:
+        if topic.type_name == types.TRANSFORMS and RUN not in bag.metadata:
             found = transforms(block)
             topic.lose(found.damaged, found.error)
             for part in found.blocks:
@@ -201,10 +190,6 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     return bag
 
 
-def _has_motion(bag: Bag) -> bool:
-    return {POSE, TWIST} <= {topic.type_name for topic in bag.topics.values() if topic.count}
-
-
 def named_type(channel: McapChannel) -> str:
     """Return "pkg/msg/Type", for the older "pkg/Type" too; if not CDR, with its encoding, so that it fits no type."""
     type_name = channel.type_name
@@ -217,7 +202,12 @@ def _topic_of(bag: Bag, channel: McapChannel, repeated: bool) -> Topic:
     """Return the topic a channel belongs to, new where it is the first: a topic may have several publishers."""
     kind, topic = named_type(channel), bag.topics.get(channel.topic)
     if topic is None:
-        keeps = repeated or kind != ODOMETRY or RUN not in bag.metadata or not _has_motion(bag)
+        keeps = (
+            repeated
+            or kind != types.ODOMETRY
+            or RUN not in bag.metadata
+            or not ({types.POSE, types.TWIST} <= {topic.type_name for topic in bag.topics.values() if topic.count})
+        )
         topic = bag.topics[channel.topic] = Topic(channel.topic, kind, keeps, bears=True)
     if topic.type_name != kind:
         raise LogError(

@@ -10,21 +10,9 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.mcap_channel import qos_profile
 from rb_dynamics.formats.mcap_records import Message
-from rb_dynamics.formats.message_types import (
-    ACCELERATION,
-    DIAGNOSTICS,
-    INERTIA,
-    JOINTS,
-    ODOMETRY,
-    POSE,
-    SCALAR,
-    TRANSFORMS,
-    TWIST,
-    VECTOR,
-    WRENCH,
-)
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
@@ -45,15 +33,15 @@ if TYPE_CHECKING:
     from rb_dynamics.sensors.sensor import Sensor
 
 SAMPLE_TOPICS = (
-    ("pose", POSE),
-    ("twist", TWIST),
-    ("odom", ODOMETRY),
-    ("angular_momentum", VECTOR),
-    ("linear_momentum", VECTOR),
-    ("energy/kinetic", SCALAR),
-    ("energy/work", SCALAR),
-    ("energy/defect", SCALAR),
-    ("/tf", TRANSFORMS),
+    ("pose", types.POSE),
+    ("twist", types.TWIST),
+    ("odom", types.ODOMETRY),
+    ("angular_momentum", types.VECTOR),
+    ("linear_momentum", types.VECTOR),
+    ("energy/kinetic", types.SCALAR),
+    ("energy/work", types.SCALAR),
+    ("energy/defect", types.SCALAR),
+    ("/tf", types.TRANSFORMS),
 )
 
 APPLIED = "/applied"
@@ -62,22 +50,22 @@ APPLIED = "/applied"
 LATENCY = "/latency"
 """What the name of a channel is followed by in the name of the topic that says how long each command was on its way."""
 
-POTENTIAL = ("energy/potential", SCALAR)
+POTENTIAL = ("energy/potential", types.SCALAR)
 """Where an effect has a potential energy."""
 
-WHEELS = ("wheels", JOINTS)
+WHEELS = ("wheels", types.JOINTS)
 """Where the scene has reaction wheels."""
 
-ACCEL = ("accel", ACCELERATION)
+ACCEL = ("accel", types.ACCELERATION)
 """Where it is asked for."""
 
-MASS_PROPERTIES = ("inertia", INERTIA)
+MASS_PROPERTIES = ("inertia", types.INERTIA)
 """Once at the beginning of each file."""
 
-SET_STATE = ("set_state", ODOMETRY)
+SET_STATE = ("set_state", types.ODOMETRY)
 """In a log to which the body was moved from outside: to where, from its first such message on."""
 
-TF_STATIC = ("/tf_static", TRANSFORMS)
+TF_STATIC = ("/tf_static", types.TRANSFORMS)
 """Where the scene has frames fixed on the body."""
 
 COMMAND_DEPTH = 1000
@@ -109,14 +97,14 @@ def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
     command = qos_profile(COMMAND_DEPTH)
     return [
         *((name, type_name, usual) for name, type_name in sample_topics(scene, accel)),
-        *((name, WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
-        *((name + APPLIED, WRENCH, command) for name, _ in scene.combined_effects.schedules()),
-        *((each.topic, SCALAR, command) for each in scene.actuators),
-        *((each.name + APPLIED, WRENCH, command) for each in scene.actuators if isinstance(each, Thruster)),
+        *((name, types.WRENCH, command) for each in scene.channels for name in (each.topic, each.topic + APPLIED)),
+        *((name + APPLIED, types.WRENCH, command) for name, _ in scene.combined_effects.schedules()),
+        *((each.topic, types.SCALAR, command) for each in scene.actuators),
+        *((each.name + APPLIED, types.WRENCH, command) for each in scene.actuators if isinstance(each, Thruster)),
         *((sensor.name, sensor.message, qos_profile(depth_at(sensor.rate))) for sensor in scene.sensors),
         (*MASS_PROPERTIES, latched),
         *([(*TF_STATIC, latched)] if scene.frames.fixed else []),
-        ("/diagnostics", DIAGNOSTICS, qos_profile(1)),
+        ("/diagnostics", types.DIAGNOSTICS, qos_profile(1)),
     ]
 
 
@@ -127,7 +115,7 @@ def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
         LogError: the message is cut short or not CDR.
     """
     values = cdr.decode(type_name, data)
-    if type_name != WRENCH:
+    if type_name != types.WRENCH:
         (numbers,) = values
         return Wrench(numbers[:3], numbers[3:], "", log_time)
     stamp, frame, numbers = values
@@ -138,7 +126,7 @@ def decode_wrench(type_name: str, log_time: int, data: bytes) -> Wrench:
 
 def encode_applied(event: AppliedWrench) -> bytes:
     """Return the message of a wrench as it acts."""
-    pack = cdr.stamped_packer(WRENCH, event.frame_id)
+    pack = cdr.stamped_packer(types.WRENCH, event.frame_id)
     return pack(*split_stamp(event.time_ns), *event.force, *event.torque)
 
 
@@ -146,7 +134,7 @@ def encode_received(command: Wrench) -> bytes:
     """Return the message of a command, to the byte if it was received as one; its stamp may be of any clock."""
     if command.message is not None:
         return command.message
-    pack = cdr.stamped_packer(WRENCH, command.frame_id)
+    pack = cdr.stamped_packer(types.WRENCH, command.frame_id)
     return pack(*split_stamp(command.stamp_ns), *command.force, *command.torque)
 
 
@@ -162,7 +150,7 @@ def measurement_packers(scene: Scene) -> dict[str, Callable[[Measurement, int], 
 
 def encode_latency(latency: Latency) -> bytes:
     """Return the message of a latency, stamped when it was sent: s to receiving, s from there to acting, number."""
-    pack = cdr.stamped_packer(VECTOR, "")
+    pack = cdr.stamped_packer(types.VECTOR, "")
     transport, waiting = latency.received_ns - latency.sent_ns, latency.acted_ns - latency.received_ns
     return pack(*split_stamp(latency.sent_ns), transport / NANOSECONDS, waiting / NANOSECONDS, float(latency.number))
 
@@ -180,14 +168,14 @@ def decode_state_change(message: Message) -> StateChange:
     Raises:
         LogError: the message is cut short or not CDR.
     """
-    n = cdr.numbers(cdr.LAYOUTS[ODOMETRY], cdr.decode(ODOMETRY, message.data))
+    n = cdr.numbers(cdr.LAYOUTS[types.ODOMETRY], cdr.decode(types.ODOMETRY, message.data))
     p, q, v, w = (tuple(n[i:j]) for i, j in ((0, 3), (3, 7), (43, 46), (46, 49)))
     return StateChange(message.log_time, *cast("tuple[Vector, Quaternion, Vector, Vector]", (p, q, v, w)))
 
 
 def encode_setpoint(value: float) -> bytes:
     """Return the message of a command to an actuator."""
-    return cdr.encode(SCALAR, (value,))
+    return cdr.encode(types.SCALAR, (value,))
 
 
 def decode_setpoint(data: bytes) -> float:
@@ -196,7 +184,7 @@ def decode_setpoint(data: bytes) -> float:
     Raises:
         LogError: the message is cut short or not CDR.
     """
-    ((value,),) = cdr.decode(SCALAR, data)
+    ((value,),) = cdr.decode(types.SCALAR, data)
     return float(value)
 
 
@@ -205,13 +193,13 @@ def encode_inertia(scene: Scene, time_ns: int) -> bytes:
     body = scene.body
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
     values = (body.mass, *body.center_of_mass, xx, xy, xz, yy, yz, zz)
-    return cdr.encode(INERTIA, time_ns, scene.frames.body_frame, values)
+    return cdr.encode(types.INERTIA, time_ns, scene.frames.body_frame, values)
 
 
 def encode_status(status: Status, hardware_id: str) -> bytes:
     """Return the message of a status on `/diagnostics`."""
     values = (status.level, status.name, status.message, hardware_id, list(status.values.items()))
-    return cdr.encode(DIAGNOSTICS, status.time_ns, "", [values])
+    return cdr.encode(types.DIAGNOSTICS, status.time_ns, "", [values])
 
 
 def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:
@@ -220,7 +208,7 @@ def encode_fixed(frames: WrenchFrames, time_ns: int) -> bytes:
         (time_ns, frames.body_frame, name, (*frame.position, *frame.orientation_xyzw))
         for name, frame in (frames.fixed or {}).items()
     ]
-    return cdr.encode(TRANSFORMS, parts)
+    return cdr.encode(types.TRANSFORMS, parts)
 
 
 class Stamped:
@@ -254,8 +242,8 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
     leaves the topic out.
     """
     world, body = scene.frames.world_frame, scene.frames.body_frame
-    pack_pose, pack_twist = cdr.stamped_packer(POSE, world), cdr.stamped_packer(TWIST, body)
-    pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(VECTOR, world)
+    pack_pose, pack_twist = cdr.stamped_packer(types.POSE, world), cdr.stamped_packer(types.TWIST, body)
+    pack_odometry, pack_vector = cdr.odometry_packer(world, body), cdr.stamped_packer(types.VECTOR, world)
     pack_transform, pack_scalar = cdr.transform_packer(world, body), cdr.float64_packer()
     packers: dict[str, Callable[[Stamped], bytes]] = {
         "pose": lambda s: pack_pose(*s.stamp, *s.pose),
@@ -274,11 +262,11 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
 
         def pack_wheels(s: Stamped) -> bytes:
             speeds = [((speed,),) for speed in s.sample.wheel_speeds or still]
-            return cdr.encode(JOINTS, s.stamp[0] * NANOSECONDS + s.stamp[1], "", names, [], speeds, [])
+            return cdr.encode(types.JOINTS, s.stamp[0] * NANOSECONDS + s.stamp[1], "", names, [], speeds, [])
 
         packers[WHEELS[0]] = pack_wheels
     if acceleration is not None:
-        pack_accel = cdr.stamped_packer(ACCELERATION, body)
+        pack_accel = cdr.stamped_packer(types.ACCELERATION, body)
         packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))
     return {name: packers[name] for name, _ in sample_topics(scene, acceleration is not None)}
 

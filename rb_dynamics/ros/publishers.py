@@ -21,34 +21,17 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.cdr import clock_packer, covariance, odometry_packer, stamped_packer
-from rb_dynamics.formats.message_types import (
-    CLOCK,
-    DIAGNOSTICS,
-    POSE_WITH_COVARIANCE,
-    TRANSFORMS,
-    TWIST_WITH_COVARIANCE,
-)
-from rb_dynamics.logs.messages import (
-    MASS_PROPERTIES,
-    TF_STATIC,
-    Stamped,
-    depth_at,
-    encode_fixed,
-    encode_inertia,
-    encode_status,
-    measurement_packers,
-    sample_packers,
-    sample_topics,
-)
+from rb_dynamics.logs import messages
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.runner import Runner
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import Event, Measurement, RunInfo, StateChange, Status
 from rb_dynamics.scene.model import Scene
 
-_POSE_WITH_COVARIANCE = ("pose_with_covariance", POSE_WITH_COVARIANCE)
-_TWIST_WITH_COVARIANCE = ("twist_with_covariance", TWIST_WITH_COVARIANCE)
+_POSE_WITH_COVARIANCE = ("pose_with_covariance", types.POSE_WITH_COVARIANCE)
+_TWIST_WITH_COVARIANCE = ("twist_with_covariance", types.TWIST_WITH_COVARIANCE)
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -80,7 +63,7 @@ class _SampleTopic:
 
     publisher: Publisher
     kept: bool
-    pack: Callable[[Stamped], bytes] | None = None
+    pack: Callable[[messages.Stamped], bytes] | None = None
 
 
 class TopicSink:
@@ -104,17 +87,17 @@ class TopicSink:
         self._node, self._asked, self._health, self._runner = node, topics, health, runner
         self._newest: tuple[Sample, int] | None = None
         # The topics that have readers, and when that was checked, s.
-        self._read: list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]] = []
+        self._read: list[tuple[Callable[[bytes], None], Callable[[messages.Stamped], bytes]]] = []
         self._looked = -math.inf
         self.publishers: list[Publisher] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._inertia = self._created(*MASS_PROPERTIES, latched)
-        self._diagnostics = self._created("/diagnostics", DIAGNOSTICS, 1)
+        self._inertia = self._created(*messages.MASS_PROPERTIES, latched)
+        self._diagnostics = self._created("/diagnostics", types.DIAGNOSTICS, 1)
         # Equivalent to the broadcaster of tf2_ros, on the same topics, but nothing is made for topics without readers.
-        self._static = self._created(*TF_STATIC, latched) if topics.transforms else None
+        self._static = self._created(*messages.TF_STATIC, latched) if topics.transforms else None
         self._samples: dict[str, _SampleTopic] = {}
         if topics.clock:
-            self._add("/clock", CLOCK)
+            self._add("/clock", types.CLOCK)
         for name, type_name, asked in (
             (*_POSE_WITH_COVARIANCE, topics.pose_with_covariance),
             (*_TWIST_WITH_COVARIANCE, topics.twist_with_covariance),
@@ -125,7 +108,7 @@ class TopicSink:
         overriding = QoSOverridingOptions(_OVERRIDABLE)
         self._sensors = {
             sensor.name: self._created(
-                sensor.name, sensor.message, depth_at(sensor.rate), qos_overriding_options=overriding
+                sensor.name, sensor.message, messages.depth_at(sensor.rate), qos_overriding_options=overriding
             )
             for sensor in scene.sensors
         }
@@ -133,18 +116,18 @@ class TopicSink:
     def open(self, run: RunInfo) -> None:
         """Publish the mass properties; late subscribers receive them too (transient local)."""
         self._add_samples(run.scene)
-        packers, pack_clock = sample_packers(run.scene, run.acceleration), clock_packer()
+        packers, pack_clock = messages.sample_packers(run.scene, run.acceleration), clock_packer()
         packers["/clock"] = lambda s: pack_clock(*s.stamp)
         packers |= self._with_covariance(run.scene)
         for name, topic in self._samples.items():
             topic.pack = packers.get(name)
         self._looked = -math.inf
-        self._encode_measurement = measurement_packers(run.scene)
+        self._encode_measurement = messages.measurement_packers(run.scene)
         self._body_frame = run.scene.frames.body_frame
         stamp_ns = self._runner.stamped(run.scene.initial.time_ns) or 1
-        self._inertia.publish(encode_inertia(run.scene, stamp_ns))
+        self._inertia.publish(messages.encode_inertia(run.scene, stamp_ns))
         if self._static is not None and run.scene.frames.fixed:
-            self._static.publish(encode_fixed(run.scene.frames, stamp_ns))
+            self._static.publish(messages.encode_fixed(run.scene.frames, stamp_ns))
 
     def write(self, event: Event) -> None:
         """Publish a sample or a status; wrenches are not echoed."""
@@ -154,7 +137,7 @@ class TopicSink:
                 return
             self._newest = event, stamp_ns
             if reading := self._readers():
-                stamped = Stamped(event, stamp_ns)
+                stamped = messages.Stamped(event, stamp_ns)
                 for publish, pack in reading:
                     publish(pack(stamped))
         elif isinstance(event, Measurement):
@@ -164,9 +147,9 @@ class TopicSink:
             self.write(self._runner.simulation.sample)
         elif isinstance(event, Status) and self.status_is_read:
             status = replace(event, time_ns=self._runner.stamped(event.time_ns) or 1)
-            self._diagnostics.publish(encode_status(status, self._body_frame))
+            self._diagnostics.publish(messages.encode_status(status, self._body_frame))
 
-    def _readers(self) -> list[tuple[Callable[[bytes], None], Callable[[Stamped], bytes]]]:
+    def _readers(self) -> list[tuple[Callable[[bytes], None], Callable[[messages.Stamped], bytes]]]:
         """Return how to publish and pack each topic that is read.
 
         While time advances by itself, readers are checked every few milliseconds: at 1 kHz it would cost as much as
@@ -182,7 +165,7 @@ class TopicSink:
             ]
         return self._read
 
-    def _with_covariance(self, scene: Scene) -> dict[str, Callable[[Stamped], bytes]]:
+    def _with_covariance(self, scene: Scene) -> dict[str, Callable[[messages.Stamped], bytes]]:
         """Return what makes the messages that have a covariance; a log has zeros in odom, as it has the truth."""
         frames, of_pose, of_twist = (
             scene.frames,
@@ -216,8 +199,8 @@ class TopicSink:
 
     def _add_samples(self, scene: Scene) -> None:
         """Create the publishers for samples of `scene` that do not exist yet."""
-        for name, type_name in sample_topics(scene, self._asked.acceleration):
-            if name not in self._samples and (type_name != TRANSFORMS or self._asked.transforms):
+        for name, type_name in messages.sample_topics(scene, self._asked.acceleration):
+            if name not in self._samples and (type_name != types.TRANSFORMS or self._asked.transforms):
                 self._add(name, type_name)
 
     def _add(self, name: str, type_name: str) -> None:
@@ -243,4 +226,4 @@ class TopicSink:
         topic = self._samples[name]
         greeted = event.current_count_change > 0 and self._runner.stands_still and not topic.kept
         if greeted and self._newest and topic.pack:
-            topic.publisher.publish(topic.pack(Stamped(*self._newest)))
+            topic.publisher.publish(topic.pack(messages.Stamped(*self._newest)))
