@@ -268,15 +268,11 @@ def _unexpected(
         if dropped and track.bag.complete:
             dropped = before is not None and at - before == timeout_ns
         # What is beyond the range of a track is not in its rows.
-        if not (given or dropped) and known and not _lacks(track, at):
+        if not (given or dropped) and known and not any(begin <= at <= end for begin, end in track.bag.missing):
             return int(at)
         # What was held at the beginning has been so for longer.
         before = since if at == 0 and before == since and since is not None else at
     return None
-
-
-def _lacks(track: Track, at: int) -> bool:
-    return any(begin <= at <= end for begin, end in track.bag.missing)
 
 
 def _alike(one: Sequence[float], other: Sequence[float]) -> bool:

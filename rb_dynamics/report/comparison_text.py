@@ -71,14 +71,11 @@ def growth_lines(found: Mapping[str, Difference], span_ns: tuple[int, int], zero
     return [
         head,
         *(
-            f"{begin + (end - begin) * number / PARTS:14.6g}" + "".join(_size(size).rjust(26) for size in sizes)
+            f"{begin + (end - begin) * number / PARTS:14.6g}"
+            + "".join(("-" if math.isnan(size) else f"{size:.3g}").rjust(26) for size in sizes)
             for number, sizes in enumerate(parts)
         ),
     ]
-
-
-def _size(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
 
 
 def alignment_sentence(alignment: Alignment) -> str:

@@ -64,7 +64,7 @@ def run_report(track: Track, summary: RunSummary, extra: Sequence[Section] = ())
         f"{f'Every check passed{summary.reservation}.' if summary.passed else _failures(summary)}"
     )
     sections = [
-        Section("At a glance", tiles=_tiles(summary)),
+        Section("At a glance", tiles=[*_run_tiles(summary), *_check_tiles(summary), *_size_tiles(summary)]),
         *_warnings(summary),
         *extra,
         *_subject(track, summary),
@@ -108,10 +108,6 @@ def comparison_section(
 def _failures(summary: RunSummary) -> str:
     failed = [check.name for check in summary.checks if not check.passed]
     return f"Failed: {'; '.join(failed)}."
-
-
-def _tiles(summary: RunSummary) -> list[Tile]:
-    return [*_run_tiles(summary), *_check_tiles(summary), *_size_tiles(summary)]
 
 
 def _run_tiles(summary: RunSummary) -> list[Tile]:
