@@ -51,7 +51,7 @@ from rb_dynamics.logs.own_log import (
     scene_and_names,
 )
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.number_parsing import exact_number, real_number
+from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
@@ -460,7 +460,7 @@ def _time_ns(row: dict[str, str], where: str) -> int:
     name, unit = ("time_ns", 1) if "time_ns" in row else ("time_s", 10**9)
     try:
         # As the decimal number that was written: a float would lose nanoseconds of a long run.
-        time_ns = round(exact_number(row[name].strip()) * unit)
+        time_ns = rounded_multiple(row[name].strip(), unit)
     except (ValueError, AttributeError):
         raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a number; correct the cell") from None
     if not 0 <= time_ns < 2**31 * 10**9:

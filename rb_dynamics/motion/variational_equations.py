@@ -42,7 +42,7 @@ BODY = 28
 
 _SIGNATURE = (
     "void(float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
-    "float64[:, :, ::1], float64[::1], int64[::1], int64[::1], int64, float64[:, ::1], float64[:, :, ::1], "
+    "float64[:, :, ::1], float64[::1], int64[::1], int64[::1], int64, int64, float64[:, ::1], float64[:, :, ::1], "
     "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1])"
 )
 
@@ -186,6 +186,7 @@ def propagate_sensitivities(
     lengths: Numbers,
     steps: Counts,
     shifts: Counts,
+    first: int,
     moves: int,
     work: Numbers,
     work_by: Numbers,
@@ -207,7 +208,8 @@ def propagate_sensitivities(
         lengths: (k,), s.
         steps: (k,), Runge-Kutta steps of each interval.
         shifts: (k,), the column that is the time at which the interval starts, or -1.
-        moves: 1 if position and velocity count, else 0.
+        first: the interval at whose start `start` is: 1 if the flight goes on and interval 0 is the one before, else 0.
+        moves: 1 if position and velocity count; 0 if not, and then columns may end before their changes.
         work: (4, STATE), overwritten.
         work_by: (4, COLUMN, n), overwritten.
         states: (k, STATE), to be written.
@@ -219,7 +221,7 @@ def propagate_sensitivities(
     s, at_by, ds, end_by = work_by[0], work_by[1], work_by[2], work_by[3]
     last = len(held_by) - 1
     copy(start, start_by, x, s)
-    for k in range(len(lengths)):
+    for k in range(first, len(lengths)):
         if shifts[k] >= 0 and k > 0:
             # If the interval starts later, the rates before its start act for longer, and those after it for less.
             for side in range(2):

@@ -9,6 +9,7 @@ import re
 from fractions import Fraction
 
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]{1,4})?")
+_PLAIN = re.compile(r"([-+]?[0-9]{1,300})(?:\.([0-9]{0,9}))?")
 _NOT_FINITE = re.compile(r"[-+]?(?:inf|infinity|nan)", re.IGNORECASE)
 _WHOLE = re.compile(r"[-+]?[0-9]{1,300}")
 
@@ -27,13 +28,15 @@ def real_number(text: str) -> float:
     return float(_required(text, is_decimal(text) or _NOT_FINITE.fullmatch(text)))
 
 
-def exact_number(text: str) -> Fraction:
-    """Return the finite number written in `text` with all its digits.
+def rounded_multiple(text: str, unit: int) -> int:
+    """Return `unit` times the finite number written in `text`, with all its digits, rounded to even.
 
     Raises:
         ValueError: it is not a finite number.
     """
-    return Fraction(_required(text, is_decimal(text)))
+    if (plain := _PLAIN.fullmatch(text)) and not unit % (scale := 10 ** len(plain[2] or "")):
+        return int(plain[1] + (plain[2] or "")) * (unit // scale)
+    return round(Fraction(_required(text, is_decimal(text))) * unit)
 
 
 def whole_number(text: str) -> int:

@@ -35,20 +35,21 @@ class Band(NamedTuple):
     Attributes:
         power: sum of the squares of the residuals over their noise.
         freedom: that the fit left of them.
-        by: (k, p), their derivatives over noise.
+        told: (p, p), what it tells: J^T J of their derivatives over noise.
     """
 
     power: float
     freedom: float
-    by: Array
+    told: Array
 
 
-def bands_of(left: Array, weighted: Array, samples: Sequence[int]) -> list[list[Band]]:
-    """Return the bands of each stream; coordinates are those in which the covariance of white noise is 1.
+def bands_of(left: Array, weighted: Array, root: Array, samples: Sequence[int]) -> list[list[Band]]:
+    """Return the bands of each stream, by coordinates in which the covariance of white noise is 1.
 
     Args:
         left: (n,), residuals over their noise: three of each sample, stream by stream.
         weighted: (n, p), their derivatives.
+        root: (p, p), derivatives of the parameters by these coordinates.
         samples: of each stream.
     """
     from scipy.fft import dct
@@ -58,8 +59,8 @@ def bands_of(left: Array, weighted: Array, samples: Sequence[int]) -> list[list[
         rows = slice(row, row + 3 * count)
         row += 3 * count
         power = np.sum(dct(left[rows].reshape(count, 3), axis=0, norm="ortho") ** 2, axis=1)
-        by = dct(weighted[rows].reshape(count, 3, -1), axis=0, norm="ortho")
-        free = np.cumsum(3.0 - np.sum(by**2, axis=(1, 2)))
+        by = dct(weighted[rows].reshape(count, -1), axis=0, norm="ortho").reshape(3 * count, -1) @ root
+        free = np.cumsum(3.0 - np.einsum("ij,ij->i", by, by).reshape(count, 3).sum(axis=1))
         begin = 0
         bands = []
         while begin < count:
@@ -68,7 +69,8 @@ def bands_of(left: Array, weighted: Array, samples: Sequence[int]) -> list[list[
             # The rest is too little for a band of its own.
             end = end if end - begin <= count - end else count
             freedom = max(1.0, float(free[end - 1]) - used)
-            bands.append(Band(float(power[begin:end].sum()), freedom, by[begin:end].reshape(-1, by.shape[2])))
+            part = by[3 * begin : 3 * end]
+            bands.append(Band(float(power[begin:end].sum()), freedom, part.T @ part))
             begin = end
         found.append(bands)
     return found
@@ -92,8 +94,8 @@ def widened(root: Array, streams: Sequence[Sequence[Band]]) -> tuple[Array, floa
     mean, spread = 0.0, 0.0
     for band in (band for bands in streams for band in bands):
         level = band.power / band.freedom
-        gathered += level * (band.by.T @ band.by)
-        share = level * float(np.sum(band.by**2))
+        gathered += level * band.told
+        share = level * float(np.trace(band.told))
         mean, spread = mean + share, spread + share**2 / band.freedom
     values, vectors = np.linalg.eigh(gathered)
     found: Array = DOUBT**2 * root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T

@@ -30,7 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.number_parsing import exact_number, real_number
+from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
 from rb_dynamics.scene.model import Scene
 
 # ns in the unit of each column of times.
@@ -214,7 +214,7 @@ def _numbers(
             try:
                 if quantity in _TIMES:
                     # As the decimal number that was written: a float would lose nanoseconds of a wall clock.
-                    time_ns = round(exact_number(cell) * _TIMES[quantity])
+                    time_ns = rounded_multiple(cell, _TIMES[quantity])
                 else:
                     found.append(real_number(cell) if cell else math.nan)
             except ValueError:

@@ -49,6 +49,8 @@ _RUNAWAY = 1e12
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
 _SMALLEST_TURN = 2e-3
+# Of a matrix that are decomposed at a time: no large one is copied.
+_ROWS = 1 << 14
 
 
 class Fit(NamedTuple):
@@ -57,7 +59,7 @@ class Fit(NamedTuple):
     Attributes:
         z: parameters.
         noise: standard deviation of one component of a sample, by topic and kind.
-        predicted: what is left of each stream.
+        predicted: what is left of each stream; without derivatives.
         weighted: (n, p), derivatives over noise.
         left: (n,), residuals over noise.
         starts: fits that were tried.
@@ -107,9 +109,11 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     for start in tries:
         at = start
         for piece in [*pieces, None]:
-            at = _least_squares(model, at, coarse, loss, piece).x
+            whole = _least_squares(model, at, coarse, loss, piece)
+            at = whole.x
             bar.step()
-        whole = _least_squares(model, at, noise, loss, None)
+        if coarse != noise:
+            whole = _least_squares(model, at, noise, loss, None)
         found.append((whole.cost, whole))
         # A fit that leaves only noise is the minimum: no other start can improve it.
         if _explained(model, whole.x, noise):
@@ -128,23 +132,26 @@ def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converge
     Raises:
         LogError: the motion runs away.
     """
+    predicted = _of_a_motion(model, z, noise)
     for _ in range(6):
         before = dict(noise)
-        noise = _estimated(model, z, noise, loss)
+        noise = _estimated(model, predicted, noise, loss)
         steady = all(abs(noise[key] / before[key] - 1.0) < 0.01 for key in noise)
-        finer = _refine(model, z, noise)
+        finer = _refine(model, z, noise, predicted)
         if steady and not finer:
             break
         again = _least_squares(model, z, noise, loss, None)
         z, converged = again.x, bool(again.status > 0)
-    predicted = list(model.predict(z))
-    left, weighted = _of_a_motion(model, predicted, noise)
-    return Fit(z, noise, predicted, weighted, left, 1, 1, converged)
+        predicted = _of_a_motion(model, z, noise)
+    left, weighted = stacked(predicted, noise)
+    return Fit(z, noise, [each.without_derivatives() for each in predicted], weighted, left, 1, 1, converged)
 
 
 def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
     """Return whether what is left of each stream is about the noise that its differences show."""
-    return all(float(np.sqrt(np.mean(p.left**2))) <= _ENOUGH * noise[p.key] for p in model.predict(z))
+    return all(
+        float(np.sqrt(np.mean(p.left**2))) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False)
+    )
 
 
 def _streams(model: Model) -> dict[Key, list[Stream]]:
@@ -220,57 +227,86 @@ def _starts(model: Model, count: int, noise: dict[Key, float], until: Sequence[i
 
 def _misfit(model: Model, z: Array, noise: dict[Key, float], until: Sequence[int] | None) -> float:
     """Return the sum of squares that parameters leave; infinite where the motion runs away."""
-    left, by = stacked(list(model.predict(z, until)), noise)
-    return float(left @ left) if sane(left, by) else np.inf
+    left, _ = stacked(list(model.predict(z, until, derivatives=False)), noise)
+    return float(left @ left) if sane(left) else np.inf
 
 
 def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None) -> Any:
     from scipy.optimize import OptimizeResult, least_squares
 
     cache: dict[bytes, tuple[Array, Array]] = {}
+    least = np.inf
 
     def both(at: Array) -> tuple[Array, Array]:
+        nonlocal least
         name = at.tobytes()
         if name not in cache:
             cache.clear()
-            left, by = stacked(list(model.predict(at, until)), noise)
-            # Where the motion runs away its numbers do too, and their squares are not finite.
-            if not sane(left, by):
-                left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
-                by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
-            # As much as noise leaves, a constant: an improvement counts against it, also where nothing is left.
-            constant = np.sqrt(len(left))
-            left = np.concatenate([left, at / _FAR, [constant]])
-            by = np.vstack([by, np.eye(len(at)) / _FAR, np.zeros((1, len(at)))])
+            cache[name] = left, by = _against_plausible(model, at, noise, loss, until)
             if loss == "linear":
-                # Q^T of both: the same cost and the same step, from as few rows as there are parameters.
-                root = triangle(np.column_stack([by, left]))
-                left, by = root[:, -1], root[:, :-1]
-            cache[name] = left, by
+                cost = 0.5 * float(left @ left)
+                gain = 0.5 * float(np.sum((by @ np.linalg.lstsq(by, -left, rcond=None)[0]) ** 2))
+                # Nothing that the cost could show: a search would end only when its steps are too short.
+                if cost <= least and gain < _ROUNDING * cost:
+                    raise _AtRest(OptimizeResult(x=at.copy(), cost=cost, status=1))
+                least = min(least, cost)
         return cache[name]
 
+    try:
+        return least_squares(
+            lambda at: both(at)[0],
+            z,
+            jac=lambda at: both(at)[1],
+            loss=loss,
+            xtol=1e-12,
+            ftol=1e-7 if until is None else 1e-3,
+            gtol=1e-12,
+            max_nfev=_ITERATIONS if until is None else 20,
+        )
+    except _AtRest as end:
+        return end.result
+
+
+class _AtRest(Exception):  # noqa: N818 - no error
+    """A search has come to its minimum."""
+
+    def __init__(self, result: Any) -> None:
+        super().__init__()
+        self.result = result
+
+
+def _against_plausible(
+    model: Model, z: Array, noise: dict[Key, float], loss: str, until: Sequence[int] | None
+) -> tuple[Array, Array]:
+    """Return residuals over noise, followed by parameters over what is plausible, and the derivatives of both.
+
+    With linear loss these are Q^T of both: the same cost and the same step, from as few rows as there are parameters.
+    """
+    count = len(z)
+    # As much as noise leaves, a constant: an improvement counts against it, also where nothing is left.
+    rows = [np.column_stack([np.eye(count) / _FAR, z / _FAR])]
+    samples = 0
+    for block in model.blocks(z, until):
+        left, by = stacked(block, noise)
+        # Where the motion runs away its numbers do too, and their squares are not finite.
+        if not sane(left, by):
+            left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
+            by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
+        samples += len(left)
+        both = np.column_stack([by, left])
+        rows.append(triangle(both) if loss == "linear" else both)
+    rows.append(np.append(np.zeros(count), np.sqrt(samples))[None])
+    every = np.vstack(rows)
     if loss == "linear":
-        left, by = both(z)
-        gain = 0.5 * float(np.sum((by @ np.linalg.lstsq(by, -left, rcond=None)[0]) ** 2))
-        cost = 0.5 * float(left @ left)
-        # Nothing that the cost could show: a search would end only when its steps are too short.
-        if gain < _ROUNDING * cost:
-            return OptimizeResult(x=z, cost=cost, status=1)
-    return least_squares(
-        lambda at: both(at)[0],
-        z,
-        jac=lambda at: both(at)[1],
-        loss=loss,
-        xtol=1e-12,
-        ftol=1e-7 if until is None else 1e-3,
-        gtol=1e-12,
-        max_nfev=_ITERATIONS if until is None else 20,
-    )
+        every = triangle(every)
+    return every[:, -1], every[:, :-1]
 
 
 def triangle(matrix: Array) -> Array:
     """Return R of the QR decomposition, block by block: with small matrices LAPACK does not wait for threads."""
-    columns = matrix.shape[1]
+    count, columns = matrix.shape
+    if count > _ROWS > columns:
+        return triangle(np.vstack([triangle(matrix[row : row + _ROWS]) for row in range(0, count, _ROWS)]))
     block = 4 * columns
     while len(matrix) > 2 * block:
         padded = np.vstack([matrix, np.zeros((-len(matrix) % block, columns))])
@@ -288,51 +324,46 @@ def information(by: Array) -> Array:
 def stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
     """Return residuals (n,) and derivatives (n, p) of all streams over noise, one below the other."""
     left = [each.left.ravel() / noise[each.key] for each in predicted]
-    by = [each.by.reshape(-1, each.by.shape[2]) / noise[each.key] for each in predicted]
+    by = [each.by.reshape(each.left.size, each.by.shape[2]) / noise[each.key] for each in predicted]
     return np.concatenate(left), np.vstack(by)
 
 
-def _of_a_motion(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
-    """Return residuals and derivatives over noise.
+def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predicted]:
+    """Return what the streams should have measured.
 
     Raises:
         LogError: the motion has run away.
     """
-    left, by = stacked(predicted, noise)
-    if not sane(left, by):
+    predicted = list(model.predict(z))
+    if not all(sane(each.left, each.by, unit=noise[each.key]) for each in predicted):
         raise LogError(
             f"{', '.join(flight.name for flight in model.flights)}: found no motion that follows the recording, "
             "expected one near that of the scene; correct body.inertia in the scene, which must be of the right order, "
             "or try more starts"
         )
-    return left, by
+    return predicted
 
 
-def sane(left: Array, by: Array) -> bool:
-    """Return whether neither residuals nor derivatives have run away, or are not numbers."""
-    return all(float(np.abs(each).max(initial=0.0)) < _RUNAWAY for each in (left, by))
+def sane(*parts: Array, unit: float = 1.0) -> bool:
+    """Return whether residuals and derivatives, in units of the noise, are numbers and have not run away."""
+    largest = (max(float(each.max(initial=0.0)), -float(each.min(initial=0.0))) for each in parts)
+    return all(each < _RUNAWAY * unit for each in largest)
 
 
-def _estimated(model: Model, z: Array, noise: dict[Key, float], loss: str) -> dict[Key, float]:
+def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor that the residuals show, with the degrees of freedom that the fit took."""
-    predicted = list(model.predict(z))
-    left, by = _of_a_motion(model, predicted, noise)
-    covariance = np.linalg.inv(information(by) + np.eye(by.shape[1]) / _FAR**2)
+    told = [information(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] ** 2 for each in predicted]
+    covariance = np.linalg.inv(sum(told) + np.eye(len(told[0])) / _FAR**2)
     taken: dict[Key, list[float]] = {}
-    row = 0
-    for each in predicted:
-        size = each.left.size
-        part, rest = by[row : row + size], left[row : row + size]
-        leverage = float(np.sum((part @ covariance) * part))
-        total = taken.setdefault(each.key, [0.0, 0.0, 0.0, 0.0])
-        total[0] += float(np.sum(rest**2))
-        total[1] += size - leverage
-        total[2] = max(total[2], 1.4826 * float(np.median(np.abs(rest))))
-        row += size
+    for each, mine in zip(predicted, told, strict=True):
+        total = taken.setdefault(each.key, [0.0, 0.0, 0.0])
+        total[0] += float(np.sum(each.left**2))
+        total[1] += each.left.size - float(np.sum(mine * covariance))
+        total[2] = max(total[2], 1.4826 * float(np.median(np.abs(each.left))))
     found = {}
-    for key, (squares, freedom, typical, _) in taken.items():
+    for key, (squares, freedom, typical) in taken.items():
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
-        found[key] = max(float(level) * noise[key], floor_of(model, key))
+        found[key] = max(float(level), floor_of(model, key))
     return found
 
 
@@ -347,15 +378,19 @@ def _largest(model: Model, key: Key) -> float:
     return max(*sizes, 1e-9)
 
 
-def _refine(model: Model, z: Array, noise: dict[Key, float]) -> bool:
-    """Halve the steps where their error counts against the noise; return whether that was so."""
+def _refine(model: Model, z: Array, noise: dict[Key, float], predicted: Sequence[Predicted]) -> bool:
+    """Halve the steps where their error counts against the noise; return whether that was so.
+
+    `predicted` is what was predicted with the steps so far.
+    """
     if model.turn <= _SMALLEST_TURN:
         return False
-    before = {(p.key, p.flight): p.left for p in model.predict(z)}
     kept = model.turn
     model.turn = 0.5 * kept
+    finer = model.predict(z, derivatives=False)
     worst = max(
-        float(np.sqrt(np.mean((p.left - before[p.key, p.flight]) ** 2))) / noise[p.key] for p in model.predict(z)
+        float(np.sqrt(np.mean((fine.left - each.left) ** 2))) / noise[fine.key]
+        for fine, each in zip(finer, predicted, strict=True)
     )
     if worst <= _STEPS:
         model.turn = kept

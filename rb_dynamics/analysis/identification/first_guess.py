@@ -46,7 +46,7 @@ def _inertia(model: Model) -> Array | None:
         if turning is None:
             continue
         times, rates = turning
-        knots, held, *_ = model.grid(np.zeros(model.layout.count), flight, int(times[0]), [times])
+        knots, held = model.grid(np.zeros(model.layout.count), flight, int(times[0]), times)
         if held[:, 9:12].any():
             # Its axes turn, and the attitude may not be known.
             continue
@@ -140,7 +140,7 @@ def _mass(model: Model) -> float | None:
             continue
         position, attitude = by_kind[POSITION], by_kind[ATTITUDE]
         times = position.time_ns
-        knots, held, *_ = model.grid(np.zeros(model.layout.count), flight, int(times[0]), [times])
+        knots, held = model.grid(np.zeros(model.layout.count), flight, int(times[0]), times)
         spans = np.diff((knots - times[0]) / NANOSECONDS, prepend=0.0)[:, None]
         near = np.clip(np.searchsorted(attitude.time_ns, knots), 0, len(attitude.time_ns) - 1)
         force = np.einsum("nij,nj->ni", rotations.matrices(attitude.values[near]), held[:, :3]) + held[:, 6:9]

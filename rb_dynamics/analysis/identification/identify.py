@@ -277,7 +277,7 @@ def identify(
         sensors = tuple(name for name in model.fit if name == "gyro_bias")
         rest = Model(result.scene, held_out, ("initial", *sensors))
         alone = fitted(rest, 1, loss, seed)
-        result = replace(result, validation=tuple(residuals_of(rest, alone, fit_bands(alone, alone.weighted))))
+        result = replace(result, validation=tuple(residuals_of(rest, alone, fit_bands(alone))))
     return result
 
 
@@ -401,11 +401,10 @@ class _Report:
         self.changes: list[Array] = []
         self.told: tuple[Parameter, ...] = ()
         self.local = self._local()
-        weighted = fit.weighted @ self.local
-        told = information(weighted)
+        told = self.local.T @ information(fit.weighted) @ self.local
         self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
-        bands = fit_bands(fit, weighted)
+        bands = fit_bands(fit, self.local)
         self.residuals = residuals_of(model, fit, bands)
         if not all(each.white for each in self.residuals):
             self.covariance, freedom = widened(root_of(self.covariance), bands)

@@ -152,31 +152,31 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
     old = _places(model, wide)
     z = np.zeros(wide.layout.count)
     z[old] = fit.z
-    predicted = list(wide.predict(z))
-    left, weighted = stacked(predicted, fit.noise)
-    if not sane(left, weighted):
-        return []
-    root = triangle(np.column_stack([weighted, left]))
+    roots, count = [], 0
+    for block in wide.blocks(z):
+        left, weighted = stacked(block, fit.noise)
+        if not sane(left, weighted):
+            return []
+        roots.append(triangle(np.column_stack([weighted, left])))
+        count += len(left)
+    root = triangle(np.vstack(roots))
     found = []
     for candidate, key in zip(tried, keys, strict=True):
         blocks = _blocks(model, wide, key)
         if not blocks:
             continue
-        new = _columns(blocks)
         scale, start = (np.concatenate([getattr(b, of) for b in blocks]) for of in ("scale", "start"))
-        columns = np.concatenate([old, new])
+        columns = np.concatenate([old, _columns(blocks)])
         part = root[:, columns]
-        slope = part[:, len(old) :].T @ root[:, -1]
         # As in the report of a fit: without a recording, each number is known to about what is plausible.
         covariance: Array = np.asarray(np.linalg.inv(part.T @ part + np.eye(len(columns))), dtype=np.float64)
-        step = -covariance[:, len(old) :] @ slope
+        step = -covariance @ (part.T @ root[:, -1])
         of_load = covariance[len(old) :, len(old) :]
         if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
             # What the fit already has under another name is left out.
             continue
-        rest = left + weighted[:, columns] @ step
-        freedom = max(1.0, len(rest) - len(columns))
-        level = max(1.0, float(rest @ rest) / freedom)
+        freedom = max(1.0, count - len(columns))
+        level = max(1.0, float(np.sum((root[:, -1] + part @ step) ** 2)) / freedom)
         chance = _chance(step[len(old) :], of_load * level, freedom, len(tried))
         own = step[len(old) :]
         value, error = start + scale * own, scale * np.sqrt(level * np.diagonal(of_load))
@@ -184,12 +184,8 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
             # What adds energy is not drag.
             chance = 1.0
         if chance <= CHANCE:
-            after = fit._replace(
-                predicted=[p._replace(left=p.left + p.by[:, :, columns] @ step) for p in predicted],
-                weighted=weighted[:, columns],
-                left=rest,
-            )
-            bands = fit_bands(after, after.weighted)
+            after = _after(model, fit, candidate, step)
+            bands = fit_bands(after)
             if not all(each.white for each in residuals_of(model, after, bands)):
                 covariance, freedom = widened(root_of(covariance), bands)
                 of_load = covariance[len(old) :, len(old) :]
@@ -200,6 +196,19 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         names = tuple(block.name for block in blocks)
         found.append(Trial(candidate, names, step[: len(old)], own, value, error, chance))
     return found
+
+
+def _after(model: Model, fit: Fit, candidate: Candidate, step: Array) -> Fit:
+    """Return the fit after a step, to first order, with the parameters of a candidate after its own."""
+    wide, (key,) = _with_loads(model, [candidate], fit.z)
+    old = _places(model, wide)
+    z = np.zeros(wide.layout.count)
+    z[old] = fit.z
+    columns = np.concatenate([old, _columns(_blocks(model, wide, key))])
+    predicted = [each._replace(by=each.by[:, :, columns]) for each in wide.predict(z)]
+    left, weighted = stacked(predicted, fit.noise)
+    moved = [each._replace(left=each.left + each.by @ step).without_derivatives() for each in predicted]
+    return fit._replace(predicted=moved, weighted=weighted, left=left + weighted @ step)
 
 
 def best_with(model: Model, fit: Fit, tried: Sequence[Trial], loss: str) -> tuple[Trial, Model, Fit] | None:
@@ -229,7 +238,7 @@ def _fitted_with(model: Model, fit: Fit, trial: Trial, loss: str) -> tuple[Trial
         found = settled(wide, z, fit.noise, loss)
     except LogError:
         return None
-    left = residuals_of(wide, found, fit_bands(found, found.weighted))
+    left = residuals_of(wide, found, fit_bands(found))
     if not all(each.follows for each in left):
         return None
     named = trial._replace(blocks=tuple(block.name for block in blocks))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,6 +58,9 @@ _LOST = 1e150
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
 
+# Intervals that are computed at a time: their derivatives stay in the cache of the processor.
+_BLOCK = 2048
+
 
 class Predicted(NamedTuple):
     """What a stream should have measured, compared with what it did measure.
@@ -65,7 +69,7 @@ class Predicted(NamedTuple):
         key: topic and kind.
         flight: number of the flight.
         left: (n, 3), predicted less measured; of an attitude the turn between the two.
-        by: (n, 3, p), derivatives of `left`.
+        by: (n, 3, p), derivatives of `left`; (n, 3, 0) where they were not asked for.
         time_ns: (n,), of the samples.
         measured: (n, 3), of an attitude (n, 4).
     """
@@ -76,6 +80,10 @@ class Predicted(NamedTuple):
     by: Array
     time_ns: Times
     measured: Array
+
+    def without_derivatives(self) -> Predicted:
+        """Return the same without `by`."""
+        return self._replace(by=np.empty((*self.left.shape, 0)))
 
 
 @dataclass(frozen=True)
@@ -141,11 +149,24 @@ class Model:
             center = self.layout["center_of_mass"].values(z)
         return Body(mass, center, self.inertia.matrix(size, shape).real)
 
-    def predict(self, z: Array, end_ns: Sequence[int] | None = None) -> Iterator[Predicted]:
+    def predict(self, z: Array, end_ns: Sequence[int] | None = None, derivatives: bool = True) -> Iterator[Predicted]:
         """Yield what each stream should have measured, up to `end_ns` of each flight."""
+        for _, blocks in itertools.groupby(self.blocks(z, end_ns, derivatives), lambda block: block[0].flight):
+            for parts in zip(*blocks, strict=True):
+                left, by, time_ns, measured = (
+                    parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(2, 6)
+                )
+                yield Predicted(parts[0].key, parts[0].flight, left, by, time_ns, measured)
+
+    def blocks(
+        self, z: Array, end_ns: Sequence[int] | None = None, derivatives: bool = True
+    ) -> Iterator[list[Predicted]]:
+        """Yield the same piece by piece: of each stream of a flight the samples in some intervals of its grid."""
         for number, flight in enumerate(self.flights):
             seen = flight if end_ns is None else flight.until(end_ns[number])
-            yield from self._of_flight(z, number, seen)
+            streams = [stream for stream in seen.streams if len(stream.time_ns)]
+            if streams:
+                yield from self._of_flight(z, number, flight, streams, derivatives)
 
     @property
     def _drags(self) -> bool:
@@ -393,61 +414,76 @@ class Model:
         block = f"delay.{name}"
         return round(float(self.layout[block].values(z)[0]) * NANOSECONDS) if block in self.layout else 0
 
-    def _of_flight(self, z: Array, number: int, flight: Flight) -> Iterator[Predicted]:
-        layout = self.layout
-        streams = [stream for stream in flight.streams if len(stream.time_ns)]
-        if not streams:
-            return
+    def _of_flight(
+        self, z: Array, number: int, flight: Flight, streams: Sequence[Stream], derivatives: bool
+    ) -> Iterator[list[Predicted]]:
         times = [stream.time_ns - self._delay_ns(z, stream.topic) for stream in streams]
         slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
-        begin = self.flights[number].span_ns[0]
-        knots, held, held_by, shifts = self.grid(z, flight, begin, times)
-        lowest = int(knots.argmin())
+        begin = flight.span_ns[0]
+        acting = self._acting(z, flight)
+        knots = _knots(acting, begin, times)
+        starts = np.concatenate([[begin], knots[:-1]])
+        count, lowest = len(knots), int(knots.argmin())
+        rows = [lowest + np.searchsorted(knots[lowest:], at) for at in times]
+        lengths = (knots - starts) / NANOSECONDS
+        steps = np.maximum(1, np.ceil(np.abs(lengths) * self.starts[number].fastest / self.turn)).astype(np.int64)
+        advance = kernel(int(steps.sum()), _CALLS)
         numbers, by = self._numbers(z)
-        start, start_by = self.start_of(z, number)
-        mine = self._columns(number)
-        lengths = np.diff(knots, prepend=begin) / NANOSECONDS
-        fastest = self.starts[number].fastest
-        steps = np.maximum(1, np.ceil(np.abs(lengths) * fastest / self.turn)).astype(np.int64)
-        n, count = len(mine), len(knots)
-        states, columns = np.empty((count, STATE)), np.empty((count, COLUMN, n))
-        rates = np.empty((count if slopes else 0, STATE)), np.empty((count if slopes else 0, COLUMN, n))
-        where = {int(column): k for k, column in enumerate(mine)}
-        if "delay.commands" in layout:
-            shifts = np.where(shifts, where[layout["delay.commands"].at.start], -1)
-        else:
-            shifts = np.full(count, -1)
-        with np.errstate(all="ignore"):
-            kernel(int(steps.sum()), _CALLS)(
-                start,
-                np.ascontiguousarray(start_by[:, mine]),
-                numbers,
-                np.linalg.inv(rows_of(numbers[:6])).ravel(),
-                np.ascontiguousarray(by[:, mine]),
-                held,
-                held_by,
-                lengths,
-                steps,
-                shifts.astype(np.int64),
-                int(self.moves[number] or slopes),
-                np.empty((4, STATE)),
-                np.empty((4, COLUMN, n)),
-                states,
-                columns,
-                *rates,
+        inverse = np.linalg.inv(rows_of(numbers[:6])).ravel()
+        moves = int(self.moves[number] or slopes)
+        state, columns = self.start_of(z, number)
+        mine = self._columns(number) if derivatives else np.zeros(0, dtype=np.int64)
+        columns = np.ascontiguousarray(columns[: COLUMN if moves else 6, mine])
+        by = np.ascontiguousarray(by[:, mine])
+        work = np.empty((4, STATE)), np.empty((4, *columns.shape))
+        # The jerk of an accelerometer is taken between its samples.
+        size = count if any(stream.kind == ACCELERATION for stream in streams) else _BLOCK
+        for first in range(0, count, size):
+            # With the interval before, as a command between the two belongs to both.
+            these = slice(max(0, first - 1), min(count, first + size))
+            n = these.stop - these.start
+            held, held_by, commanded = self._held(z, acting, starts[these], knots[these])
+            seen = _Seen(
+                np.empty((n, STATE)),
+                np.empty((n, *columns.shape)),
+                np.empty((n if slopes else 0, STATE)),
+                np.empty((n if slopes else 0, *columns.shape)),
             )
-        for part in (states, columns, *rates):
-            # Numbers of a motion that runs away are not computed with: their products are none.
-            if not (part.max(initial=0.0) < _LOST and part.min(initial=0.0) > -_LOST):
-                part[~(np.abs(part) < _LOST)] = np.nan
-        if "delay.commands" in layout:
-            for part in (columns, rates[1]):
-                part[:, :, where[layout["delay.commands"].at.start]] *= layout["delay.commands"].scale[0]
-        for stream, at in zip(streams, times, strict=True):
-            rows = lowest + np.searchsorted(knots[lowest:], at)
-            seen = _Seen(states[rows], columns[rows], *(part[rows] if slopes else part for part in rates))
-            left, left_by = self._against(z, number, stream, seen, mine)
-            yield Predicted((stream.topic, stream.kind), number, left, left_by, stream.time_ns, stream.values)
+            late = -1
+            if derivatives and "delay.commands" in self.layout:
+                late = int(np.flatnonzero(mine == self.layout["delay.commands"].at.start)[0])
+            if not derivatives:
+                held_by = held_by[:1, :, :0]
+            shifts = np.where(commanded, late, -1)
+            going_on = first - these.start
+            with np.errstate(all="ignore"):
+                advance(
+                    state, columns, numbers, inverse, by, held, held_by, lengths[these], steps[these], shifts, going_on,
+                    moves, *work, *seen
+                )  # fmt: skip
+            state, columns = seen.states[-1].copy(), seen.columns[-1].copy()
+            seen = _Seen(*(part[going_on:] for part in seen))
+            for part in seen:
+                # Numbers of a motion that runs away are not computed with: their products are none.
+                if not (part.max(initial=0.0) < _LOST and part.min(initial=0.0) > -_LOST):
+                    part[~(np.abs(part) < _LOST)] = np.nan
+            if late >= 0:
+                for part in (seen.columns, seen.slopes_by):
+                    part[:, :, late] *= self.layout["delay.commands"].scale[0]
+            yield [
+                self._of_stream(z, number, stream, seen, at - first, mine)
+                for stream, at in zip(streams, rows, strict=True)
+            ]
+
+    def _of_stream(self, z: Array, number: int, stream: Stream, seen: _Seen, rows: Any, mine: Any) -> Predicted:
+        """Return what a stream should have measured at those of the ascending `rows` which are in a block."""
+        of = slice(*np.searchsorted(rows, [0, len(seen.states)]).tolist())
+        part = replace(stream, time_ns=stream.time_ns[of], values=stream.values[of])
+        at = _span(rows[of])
+        here = _Seen(*(each[at] if len(each) else each for each in seen))
+        left, by = self._against(z, number, part, here, _span(mine))
+        found = Predicted((stream.topic, stream.kind), number, left, by, part.time_ns, part.values)
+        return found if len(mine) else found.without_derivatives()
 
     def _columns(self, number: int) -> Array:
         """Return which parameters change the motion of a flight; those that change what is held come last."""
@@ -460,36 +496,36 @@ class Model:
         found: Array = np.concatenate(taken)
         return found
 
-    def grid(self, z: Array, flight: Flight, begin: int, times: Sequence[Times]) -> tuple[Times, Array, Array, Array]:
-        """Return knots; of the interval up to each what is held, how it changes, and whether a command begins it.
+    def grid(self, z: Array, flight: Flight, begin: int, times: Times) -> tuple[Times, Array]:
+        """Return the ends of intervals in which what is held stays, and what that is: with an edge at each of `times`.
 
         From `begin` they go down to the earliest time, at which a sensor that lags may have measured, and then up.
         """
+        acting = self._acting(z, flight)
+        knots = _knots(acting, begin, [times])
+        return knots, self._held(z, acting, np.concatenate([[begin], knots[:-1]]), knots)[0]
+
+    def _acting(self, z: Array, flight: Flight) -> _Acting:
         late = self._delay_ns(z, "commands")
         none: list[tuple[int, ParameterBlock, Array]] = []
         channels = [(c.time_ns + late, c.held, c.topic, none) for c in flight.channels]
         channels += [(*found, "", fits) for found, fits in self._schedules(z)]
-        low, end = min(begin, *(int(at[0]) for at in times)), max(int(at[-1]) for at in times)
-        rotors = [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)]
-        edges = [at[(at > low) & (at < end)] for at, *_ in channels]
-        turns = [np.array([nanoseconds(t) for t, _ in e.spin_rate], dtype=np.int64) for _, e in rotors]
-        inner = [at[(at > low) & (at < end)] for at in turns]
-        knots = np.unique(np.concatenate([*times, *edges, *inner]))
-        before = knots[knots < begin]
-        knots = np.concatenate([before[::-1], knots[1:] if len(before) else knots])
-        starts = np.concatenate([[begin], knots[:-1]])
+        return _Acting(channels, [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)])
+
+    def _held(self, z: Array, acting_on: _Acting, starts: Times, knots: Times) -> tuple[Array, Array, Array]:
+        """Return what is held from `starts` to `knots`, how it changes, and whether a command begins an interval."""
         held = np.zeros((len(knots), HELD))
         m = self._held_to - self._held_from
         held_by = np.zeros((len(knots) if m else 1, HELD, m))
         commanded = np.zeros(len(knots), dtype=bool)
+        still = starts == knots
         # From the centre of mass of the scene, for which torques were computed: (p - c) x f.
         moved = self.body(z).center_of_mass - np.array(self.scene.body.center_of_mass)
-        for at, rows, topic, fits in channels:
+        for at, rows, topic, fits in acting_on.channels:
             row = np.searchsorted(at, np.minimum(starts, knots), side="right") - 1
             if topic:
                 commanded |= np.isin(starts, at)
-                if knots[0] == begin:
-                    row[0] = np.searchsorted(at, begin, side="left") - 1
+                row[still] = np.searchsorted(at, starts[still], side="left") - 1
             acting = np.where((row >= 0)[:, None], rows[row], 0.0)
             acting, at_point = acting[:, :12], acting[:, 12:]
             acting[:, 3:6] -= np.cross(moved, at_point)
@@ -509,9 +545,9 @@ class Model:
                 by[:, 3:6] -= np.cross(moved, unit[:, 12:])
                 held_by[row == k, :12, place] = by.T * block.scale
         seconds = starts / NANOSECONDS
-        for i, rotor in rotors:
+        for i, rotor in acting_on.rotors:
             self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
-        return knots, held, held_by, commanded
+        return held, held_by, commanded
 
     def _schedules(self, z: Array) -> Iterator[tuple[tuple[Times, Array], list[tuple[int, ParameterBlock, Array]]]]:
         """Yield scheduled wrenches as they are fitted; and which row changes with what block by how much, per axis."""
@@ -559,7 +595,7 @@ class Model:
                 place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
                 held_by[:, 12:, place] = by * block.scale
 
-    def _against(self, z: Array, number: int, stream: Stream, seen: _Seen, mine: Array) -> tuple[Array, Array]:
+    def _against(self, z: Array, number: int, stream: Stream, seen: _Seen, mine: Any) -> tuple[Array, Array]:
         """Return predicted less measured of a stream, and its derivatives by all parameters."""
         layout = self.layout
         by = np.zeros((len(seen.states), 3, layout.count))
@@ -608,7 +644,7 @@ class Model:
         return left, by
 
     def _rates(
-        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Array, by: Array
+        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Any, by: Array
     ) -> tuple[Array, Array]:
         """Return the same of rates; what a gyro shows is scale (turned rate) + bias."""
         layout, rate = self.layout, seen.states[:, 4:7]
@@ -636,7 +672,7 @@ class Model:
         return left, scale[:, None] * (mount @ change)
 
     def _specific_force(
-        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Array, by: Array
+        self, z: Array, number: int, stream: Stream, seen: _Seen, matrix: Array, mine: Any, by: Array
     ) -> tuple[Array, Array]:
         """Return the same of an accelerometer at l from the centre of mass: R^T (v' - g) + w' x l + w x (w x l)."""
         layout, rate, bent = self.layout, seen.states[:, 4:7], seen.slopes[:, 4:7]
@@ -670,6 +706,13 @@ class Model:
         return left, change
 
 
+class _Acting(NamedTuple):
+    """What acts in a flight: times, rows, topic and what of them is fitted of each channel; the rotors and places."""
+
+    channels: list[tuple[Times, Array, str, list[tuple[int, ParameterBlock, Array]]]]
+    rotors: list[tuple[int, Rotor]]
+
+
 class _Seen(NamedTuple):
     """States, columns and their rates at the samples of a stream."""
 
@@ -677,6 +720,22 @@ class _Seen(NamedTuple):
     columns: Array
     slopes: Array
     slopes_by: Array
+
+
+def _knots(acting: _Acting, begin: int, times: Sequence[Times]) -> Times:
+    """Return the ends of the intervals from `begin` down to the earliest of `times`, and then up to the latest."""
+    low, end = min(begin, *(int(at[0]) for at in times)), max(int(at[-1]) for at in times)
+    edges = [at for at, *_ in acting.channels]
+    edges += [np.array([nanoseconds(t) for t, _ in rotor.spin_rate], dtype=np.int64) for _, rotor in acting.rotors]
+    knots = np.unique(np.concatenate([*times, *(at[(at > low) & (at < end)] for at in edges)]))
+    before = knots[knots < begin]
+    return np.concatenate([before[::-1], knots[1:] if len(before) else knots])
+
+
+def _span(places: Any) -> Any:
+    """Return ascending places as a slice where there is none between them: copies are costly."""
+    whole = len(places) > 0 and np.array_equal(places, np.arange(places[0], places[0] + len(places)))
+    return slice(int(places[0]), int(places[0]) + len(places)) if whole else places
 
 
 def _scheduled(effect: Effect, scene: Scene) -> tuple[Times, Array] | None:

@@ -58,11 +58,15 @@ class Residuals:
         return self.explained or self.unexplained <= _FOLLOWED
 
 
-def fit_bands(fit: Fit, weighted: Array) -> list[list[Band]]:
-    """Return the bands of each stream of a fit, with its derivatives by any coordinates."""
-    told = information(weighted)
+def fit_bands(fit: Fit, local: Array | None = None) -> list[list[Band]]:
+    """Return the bands of each stream of a fit, with its derivatives by coordinates of which `local` are derivatives.
+
+    These are the parameters themselves where none are given.
+    """
+    local = np.eye(fit.weighted.shape[1]) if local is None else local
+    told = local.T @ information(fit.weighted) @ local
     root = root_of(np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64))
-    return bands_of(fit.left, weighted @ root, [len(each.left) for each in fit.predicted])
+    return bands_of(fit.left, fit.weighted, local @ root, [len(each.left) for each in fit.predicted])
 
 
 def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:

@@ -39,7 +39,7 @@ def test_95_of_100_intervals_hold_the_truth_with_slow_noise_and_with_a_vibration
         strength = np.sqrt(left @ left / (len(left) - PARAMETERS))
         white = np.linalg.inv(by.T @ by) * strength**2
         root = root_of(white)
-        covariance, freedom = widened(root, bands_of(left / strength, by @ root / strength, [COUNT]))
+        covariance, freedom = widened(root, bands_of(left / strength, by / strength, root, [COUNT]))
         covariance /= DOUBT**2
         assert np.linalg.eigvalsh(covariance - white)[0] >= -1e-9 * np.linalg.eigvalsh(covariance)[-1]
         held.append(np.abs(error) <= stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
@@ -49,7 +49,7 @@ def test_95_of_100_intervals_hold_the_truth_with_slow_noise_and_with_a_vibration
 
 def judged(noise: Any) -> bool:
     left = noise / noise.std()
-    return whiteness([left], bands_of(left.ravel(), np.zeros((left.size, 1)), [len(left)]))[0]
+    return whiteness([left], bands_of(left.ravel(), np.zeros((left.size, 1)), np.eye(1), [len(left)]))[0]
 
 
 @pytest.mark.parametrize("seed", range(5))

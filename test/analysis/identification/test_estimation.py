@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics.analysis.identification.estimation import _least_squares, fitted
+from rb_dynamics.analysis.identification import prediction
+from rb_dynamics.analysis.identification.estimation import _against_plausible, _least_squares, fitted
 from rb_dynamics.analysis.identification.prediction import Model
 
 
@@ -21,13 +23,13 @@ def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.Monk
     )
     fit = fitted(model, 1, "linear", 0)
     at = _least_squares(model, fit.z, fit.noise, "linear", None).x
-    flown_times, predict = [], Model.predict
+    flown_times, blocks = [], Model.blocks
 
     def counted(*arguments: Any) -> Any:
         flown_times.append(arguments)
-        return predict(*arguments)
+        return blocks(*arguments)
 
-    monkeypatch.setattr(Model, "predict", counted)
+    monkeypatch.setattr(Model, "blocks", counted)
     again = _least_squares(model, at, fit.noise, "linear", None)
     assert len(flown_times) == 1
     assert np.array_equal(again.x, at)
@@ -35,3 +37,37 @@ def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.Monk
     moved = _least_squares(model, at + 1e-3, fit.noise, "linear", None)
     assert moved.cost == pytest.approx(again.cost, rel=1e-9)
     assert np.allclose(moved.x, at, atol=1e-4)
+
+
+def test_a_search_does_not_hold_the_derivatives_of_the_whole_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prediction, "_BLOCK", 256)
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    made = flown(body, random, seconds=300.0, spin=(0.9, 1.2, -1.5), gyro=1e-3)
+    model = Model(guess(body), [made], ("inertia_ratios",))
+    z, noise = np.zeros(model.layout.count), {("imu", "rates"): 1e-3}
+    derivatives = 8 * made.streams[0].values.size * model.layout.count
+    list(model.blocks(z, derivatives=False))
+    tracemalloc.start()
+    _against_plausible(model, z, noise, "linear", None)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 0.5 * derivatives
+
+
+def test_a_search_ends_where_the_cost_shows_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search for the noise of the recording followed one for the same noise, and both looked for what is rounding."""
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    made = flown(body, random, seconds=5.0, spin=(0.9, 1.2, -1.5), gyro=1e-2)
+    model = Model(guess(body), [made], ("inertia_ratios",))
+    whole, blocks = [], Model.blocks
+
+    def counted(self: Model, z: Any, end_ns: Any = None, derivatives: bool = True) -> Any:
+        if end_ns is None and derivatives:
+            whole.append(z)
+        return blocks(self, z, end_ns, derivatives)
+
+    monkeypatch.setattr(Model, "blocks", counted)
+    assert fitted(model, 1, "linear", 0).converged
+    assert len(whole) <= 8

@@ -14,7 +14,7 @@ from rb_dynamics import Identification, MemorySink, RigidBody, identify, parse_s
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 from rb_dynamics.analysis.identification.identify import _Report
-from rb_dynamics.analysis.identification.omissions import _candidates
+from rb_dynamics.analysis.identification.omissions import _candidates, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Model
 
@@ -171,3 +171,15 @@ def test_numbers_that_something_else_may_have_moved_stay_told() -> None:
     assert moved.body == plain.body
     assert moved.passed
     assert min(moved.principal_errors) > 10.0 * min(plain.principal_errors)
+
+
+def test_what_is_lacking_does_not_depend_on_how_close_the_search_came() -> None:
+    """A step for the candidate alone took what the fit itself had left for a part of it."""
+    _, flight = flight_of(4)
+    model = Model(guess(random_body(np.random.default_rng(4))), [flight], ("inertia", "mass", "gyro_bias"))
+    fit = fitted(model, 1, "linear", 0)
+    errors = np.sqrt(np.diagonal(np.linalg.inv(fit.weighted.T @ fit.weighted + np.eye(len(fit.z)))))
+    here, near = trials(model, fit), trials(model, fit._replace(z=fit.z + 0.03 * errors))
+    assert len(here) == len(near) > 3
+    for one, other in zip(here, near, strict=True):
+        assert np.abs((one.value - other.value) / one.standard_error).max() < 1e-3

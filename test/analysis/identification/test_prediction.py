@@ -156,6 +156,28 @@ def test_plain_and_compiled_kernel_have_the_same_bits(monkeypatch: pytest.Monkey
         assert len({(one.left.tobytes(), one.by.tobytes()) for one in each}) == 1
 
 
+def test_pieces_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With commands and sensors that are late, so that commands begin pieces and the first goes back in time."""
+    every = every_sensor()
+    flight = every.without((ACCELERATION,))
+    model = Model(parse_scene(SCENE), [flight, flight], [name for name in FIT if name != "accelerometer"])
+    z = 0.1 * np.random.default_rng(1).standard_normal(model.layout.count)
+    whole = list(model.predict(z))
+    assert len(list(model.blocks(z))) == 2
+    alone = list(model.predict(z, derivatives=False))
+    for size in (1, 3):
+        monkeypatch.setattr(prediction, "_BLOCK", size)
+        assert len(list(model.blocks(z))) > 6
+        for one, other, bare in zip(whole, model.predict(z), alone, strict=True):
+            assert (one.key, one.flight) == (other.key, other.flight) == (bare.key, bare.flight)
+            np.testing.assert_allclose(other.left, one.left, rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(other.by, one.by, rtol=1e-11, atol=1e-13)
+            assert one.left.tobytes() == bare.left.tobytes()
+            assert np.array_equal(one.time_ns, other.time_ns)
+            assert np.array_equal(one.measured, other.measured)
+            assert bare.by.shape == (*bare.left.shape, 0)
+
+
 def test_the_kernel_is_made_ahead_and_used_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     assert variational_equations.kernel(10**6, 1) is variational_equations.plain
@@ -171,7 +193,7 @@ def test_the_kernel_is_made_ahead_and_used_once_it_is_there(monkeypatch: pytest.
 @pytest.mark.parametrize("far", [1e200, np.inf])
 def test_a_motion_that_runs_away_has_no_numbers_and_no_warnings(monkeypatch: pytest.MonkeyPatch, far: float) -> None:
     def run_away(*given: Array) -> None:
-        for part in given[13:]:
+        for part in given[14:]:
             part[:] = far
 
     monkeypatch.setattr(prediction, "kernel", lambda *_: run_away)
