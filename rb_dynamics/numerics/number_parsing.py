@@ -34,8 +34,11 @@ def rounded_multiple(text: str, unit: int) -> int:
     Raises:
         ValueError: it is not a finite number.
     """
-    if (plain := _PLAIN.fullmatch(text)) and not unit % (scale := 10 ** len(plain[2] or "")):
-        return int(plain[1] + (plain[2] or "")) * (unit // scale)
+    if plain := _PLAIN.fullmatch(text):
+        decimals = plain[2] or ""
+        scale: int = 10 ** len(decimals)
+        if unit % scale == 0:
+            return int(plain[1] + decimals) * (unit // scale)
     return round(Fraction(_required(text, is_decimal(text))) * unit)
 
 
