@@ -5,15 +5,17 @@ corners a, b and c from that point, V = a . (b x c) / 6 and s = a + b + c, one h
 int x x^T dV = V / 20 (s s^T + a a^T + b b^T + c c^T); F. Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
 tensor in terms of its vertex coordinates, J. Math. Stat. 1 (2004) 8. Second moments are taken about the centre of mass,
 so that nothing cancels however far away the origin is. `trimesh` only reads the file formats. Never repairs a surface,
-and does not look for triangles that intersect.
+and does not look for triangles of one part that intersect.
 """
 
 from __future__ import annotations
 
 import io
+import itertools
 import logging
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,6 +38,10 @@ Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 _EPS = 2.0**-52
+# Parts that touch may be this far inside each other, of the size of the mesh: STL has single precision.
+_DEEP = 1e-5
+_BLOCK = 4096
+_MOST_PIECES = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +235,10 @@ def _check_closed(points: Points, triangles: Faces) -> None:
 
 
 def _check_parts(points: Points, triangles: Faces) -> None:
-    """Raise where a part lies inside another and is not a hole, or is a hole in nothing: it would count wrongly."""
+    """Raise where parts overlap, a part lies inside another and is not a hole, or is a hole in nothing.
+
+    Each would count wrongly.
+    """
     # scipy is slow to import, and a mesh is read by few.
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -250,18 +259,101 @@ def _check_parts(points: Points, triangles: Faces) -> None:
     corners = [points[part.reshape(-1)] for part in parts]
     lows, highs = (np.array([function(c, axis=0) for c in corners]) for function in (np.min, np.max))
     for part, own in enumerate(parts):
-        at = corners[part][0]
-        around = (lows <= at).all(axis=1) & (at <= highs).all(axis=1)
+        around = (lows <= highs[part]).all(axis=1) & (lows[part] <= highs).all(axis=1)
         around[part] = False
-        inside = math.fsum(_winding(at, points, parts[other]) for other in np.flatnonzero(around))
+        others = np.flatnonzero(around)
+        inner = _shrunk(points, own)
+        crossed = any(_crosses(inner, own, points[parts[other]]) for other in others)
         volume = _volume(points, own)
-        # A fraction belongs to a point on another part's surface, where parts touch: neither in nor out.
-        if abs(inside - round(inside)) < 1e-3 and round(inside) != (0 if volume > 0.0 else 1):
+        inside = math.fsum(_winding(inner[own[0, 0]], points, parts[other]) for other in others)
+        if crossed or round(inside) != (0 if volume > 0.0 else 1):
             what = "lies inside another part, oriented as it is" if volume > 0.0 else "is oriented inwards"
             raise BodyError(
-                f"part {part + 1} of the {count} parts of the mesh {what}, expected parts beside each other, oriented "
-                "outwards, and holes in them, oriented inwards; turn its triangles, or remove the part"
+                f"part {part + 1} of the {count} parts of the mesh {'crosses another part' if crossed else what}, "
+                "expected parts beside each other, oriented outwards, and holes in them, oriented inwards; "
+                f"{'unite the parts that overlap' if crossed else 'turn its triangles, or remove the part'}"
             )
+
+
+def _shrunk(points: Points, triangles: Faces) -> Points:
+    """Return the points, those of a part moved inwards a little, so that parts that touch do so no more."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0.0)
+    inwards = np.zeros_like(points)
+    for i in range(3):
+        np.subtract.at(inwards, triangles[:, i], normals)
+    size = np.linalg.norm(inwards, axis=1, keepdims=True)
+    moved: Points = points + _DEEP * np.divide(inwards, size, out=np.zeros_like(inwards), where=size > 0.0)
+    return moved
+
+
+def _crosses(points: Points, own: Faces, corners: Points) -> bool:
+    """Return whether an edge of `own` goes through one of the triangles `corners`, (m, 3, 3)."""
+    edges = np.unique(np.sort(np.concatenate([own[:, [0, 1]], own[:, [1, 2]], own[:, [2, 0]]]), axis=1), axis=0)
+    for ends, near in _close(points[edges], corners):
+        (p, q), (a, b, c) = ends.transpose(1, 0, 2), near.transpose(1, 0, 2)
+        normals = np.cross(b - a, c - a)
+        # Heights of both ends above the plane, and the part of the triangle on each side of where the edge meets it.
+        above, below = (((end - a) * normals).sum(axis=1) for end in (p, q))
+        met = np.flatnonzero(above * below < 0.0)
+        at = p[met] + (above[met] / (above[met] - below[met]))[:, None] * (q - p)[met]
+        x, y, z = (corner[met] - at for corner in (a, b, c))
+        shares = [(np.cross(u, v) * normals[met]).sum(axis=1) for u, v in ((x, y), (y, z), (z, x))]
+        if (np.min(shares, axis=0, initial=math.inf) >= 0.0).any():
+            return True
+    return False
+
+
+def _close(edges: Points, triangles: Points) -> Iterator[tuple[Points, Points]]:
+    """Yield pairs of an edge (n, 2, 3) and a triangle (n, 3, 3) whose boxes overlap, in blocks; some twice."""
+    from scipy.spatial import cKDTree
+
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    first, last = triangles.min(axis=1), triangles.max(axis=1)
+    # Long thin ones are close to nearly everything, their pieces are not.
+    largest = float(np.median(np.concatenate([(high - low).max(axis=1), (last - first).max(axis=1)])))
+    parts, edge_of = _pieces(edges[:, [0, 1, 1]], largest)
+    tiles, triangle_of = _pieces(triangles, largest)
+    (middles, reaches), (centers, halves) = _boxes(parts), _boxes(tiles)
+    tree, most = cKDTree(centers), halves.max()
+    for begin in range(0, len(middles), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        found = tree.query_ball_point(middles[block], reaches[block] + most, p=math.inf)
+        edge = np.repeat(edge_of[block], [len(each) for each in found])
+        triangle = triangle_of[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(edge))]
+        both = ((low[edge] <= last[triangle]) & (first[triangle] <= high[edge])).all(axis=1)
+        yield edges[edge[both]], triangles[triangle[both]]
+
+
+def _boxes(shapes: Points) -> tuple[Points, Points]:
+    """Return the middle of the box around each shape, (n, 3), and half of its longest side, (n,)."""
+    low, high = shapes.min(axis=1), shapes.max(axis=1)
+    return 0.5 * (low + high), 0.5 * (high - low).max(axis=1)
+
+
+def _pieces(triangles: Points, largest: float) -> tuple[Points, Faces]:
+    """Return the triangles cut across their longest edges until they are no larger, and which each is a piece of.
+
+    A bounded number: some may stay larger.
+    """
+    done, whose = [], []
+    left, of = triangles, np.arange(len(triangles))
+    most = 2 * len(triangles) + _MOST_PIECES
+    while len(left):
+        small = 2.0 * _boxes(left)[1] <= 2.0 * largest
+        if len(left) > most:
+            small[:] = True
+        done.append(left[small])
+        whose.append(of[small])
+        left, of = left[~small], of[~small]
+        lengths = np.linalg.norm(left - left[:, [1, 2, 0]], axis=2)
+        turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(left, turned[:, :, None], axis=1).transpose(1, 0, 2)
+        half = 0.5 * (a + b)
+        left, of = np.concatenate([np.stack([a, half, c], axis=1), np.stack([half, b, c], axis=1)]), np.tile(of, 2)
+    return np.concatenate(done), np.concatenate(whose)
 
 
 def _winding(at: Points, points: Points, triangles: Faces) -> float:

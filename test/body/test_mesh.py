@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from rb_dynamics.body import mesh, shapes
 from rb_dynamics.errors import BodyError, MissingExtraError
@@ -185,6 +186,36 @@ def test_unlike_parts_add_up_about_their_common_centre(first: Any, second: Any) 
     np.testing.assert_allclose(solid.squared_gyration, expected, atol=1e-10 * np.trace(expected))
 
 
+@given(st.integers(0, 2**32 - 1), st.tuples(*[st.floats(0.1, 0.9)] * 2), st.sampled_from([np.float32, np.float64]))
+def test_parts_that_touch_are_beside_each_other(seed: int, along: Any, precision: Any) -> None:
+    """Turned, and rounded as in an STL file: each is inside the other by as much as that."""
+    vertices, faces = joined(box((1.0, 1.0, 1.0)), box((1.0, 1.0, 1.0), (1.0, *along)))
+    turn = Rotation.random(random_state=seed)
+
+    solid = mesh.solid(turn.apply(vertices).astype(precision).astype(np.float64), faces)
+
+    assert solid.volume == pytest.approx(2.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("apart", [1.99, 2.01])
+def test_balls_and_long_thin_triangles_are_told_apart(apart: float) -> None:
+    """Mirror images of each other, so that edges meet edges; and a rod of slivers through a ring that it misses."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    pair = joined(*((ball.vertices + np.array([x, 0.0, 0.0]), ball.faces) for x in (0.0, apart)))
+    if apart < 2.0:
+        with pytest.raises(BodyError, match="crosses another part"):
+            mesh.solid(*pair)
+    else:
+        assert mesh.solid(*pair).volume == pytest.approx(2.0 * ball.volume, rel=1e-12)
+    ring, rod = trimesh.creation.torus(1.0, 0.2, 40, 40), trimesh.creation.cylinder(0.75 if apart > 2.0 else 0.85, 4.0)
+    both = joined((ring.vertices, ring.faces), (rod.vertices, rod.faces))
+    if apart < 2.0:
+        with pytest.raises(BodyError, match="crosses another part"):
+            mesh.solid(*both)
+    else:
+        assert mesh.solid(*both).volume == pytest.approx(ring.volume + rod.volume, rel=1e-12)
+
+
 def test_a_body_in_a_hole_in_a_body_counts() -> None:
     parts = (box((3.0, 3.0, 3.0)), inverted(box((2.0, 2.0, 2.0))), box((1.0, 1.0, 1.0)))
 
@@ -222,6 +253,12 @@ BAD = {
     ),
     "part in a part": (*joined(box((2, 2, 2)), box((1, 1, 1))), "lies inside another part"),
     "part turned": (*joined(box((2, 2, 2)), inverted(box((1, 1, 1), (5.0, 0.0, 0.0)))), "is oriented inwards"),
+    "corner in a part": (
+        *joined(box((1, 1, 1)), box((1, 1, 1), (0.9, 0.9, 0.9))),
+        "part 1 of the 2 .* crosses another",
+    ),
+    "bar through a part": (*joined(box((1, 1, 1)), box((3, 0.2, 0.2))), "crosses another part.* unite the parts"),
+    "part moved along an edge": (*joined(box((1, 1, 1)), box((1, 1, 1), (0.5, 0, 0))), "crosses another part"),
     "sheet": (CORNERS[:4], np.array([[0, 1, 2], [0, 2, 1], [1, 3, 2], [1, 2, 3]]), "more than two|no volume"),
     "flat": (CORNERS * [1, 1, 0], CUBE, "no volume|more than two"),
     "two triangles": (CORNERS, CUBE[:2], "2 triangles with an area"),
