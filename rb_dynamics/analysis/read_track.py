@@ -33,7 +33,7 @@ from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.formats.message_types import INERTIA, ODOMETRY, SCALAR, VECTOR
+from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
@@ -130,6 +130,10 @@ class _TrackReader:
                 f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not checked; "
                 "energy is, with the work that the run recorded."
             )
+        unrecorded = "" if own else self._unrecorded()
+        if unrecorded:
+            acted = False
+            self.notes.append(f"What moved the body is not all in the recording: {unrecorded}.")
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
         body, body_from = self._body()
@@ -156,6 +160,7 @@ class _TrackReader:
             momenta_from=momenta_from,
             wrenches=wrenches,
             acted=acted,
+            unrecorded=unrecorded,
             body=body,
             body_from=body_from,
             notes=tuple(self.notes),
@@ -444,6 +449,15 @@ class _TrackReader:
                     "SCENE."
                 )
         return steps, own or bool(chosen)
+
+    def _unrecorded(self) -> str:
+        """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag."""
+        found = list(self.scene.combined_effects.varying) if self.scene is not None else []
+        joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
+        return "; ".join(
+            [f"the scene has {', '.join(found)}"] * bool(found)
+            + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
+        )
 
     def _limits(self, topic: str) -> Channel | None:
         """Return the scene's channel of commands on `topic`, whose limits it kept."""

@@ -197,7 +197,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)
-    found, left = tuple(balances(track, bound)), None if unsure else residual(track, bound)
+    found, left = tuple(balances(track, bound)), None if unsure or track.unrecorded else residual(track, bound)
     doubt = next((each.doubt for each in agreed if each.doubt), "")
     judged = [*(balanced(track, each, bound) for each in found), *_explained(left)]
     # Differences of pose and twist that matter nowhere else would be mistaken for a torque.
@@ -233,7 +233,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
             *checks(track, found, bound, steady, agreed),
             *self_consistency(track),
             *_explained(left),
-            *_not_judged(track, unsure or (_fitted_instead(track) if left is None else "")),
+            *_not_judged(track, unsure or track.unrecorded or (_fitted_instead(track) if left is None else "")),
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),

@@ -143,6 +143,7 @@ class Track:
         momenta_from: source of momenta and kinetic energy: "the log", or what they are computed from; "" without.
         wrenches: applied wrenches; commands, if a bag has no applied wrenches.
         acted: whether `wrenches` are known to be complete.
+        unrecorded: what moved the body beside them, as text; "" if nothing is known to.
         body: mass properties.
         body_from: source of the mass properties; "" without.
         notes: remarks on the data for the reader.
@@ -167,6 +168,7 @@ class Track:
     body_from: str
     notes: tuple[str, ...]
     uses: Mapping[str, str] = field(default_factory=dict)
+    unrecorded: str = ""
     rates: TimeSeries | None = None
     specific_force: TimeSeries | None = None
     pointing: TimeSeries | None = None

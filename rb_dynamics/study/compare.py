@@ -114,6 +114,20 @@ def _is_one(a: Source, b: Source) -> bool:
     return not (_is_scene(a) or _is_scene(b)) and Path(str(a)).exists() and Path(str(a)).samefile(str(b))
 
 
+def _require_different(a: Track, b: Track) -> None:
+    """Refuse a topic of a bag that is compared with itself beside others.
+
+    Raises:
+        LogError: there is one.
+    """
+    for what, one, other in (("pose", a.pose, b.pose), ("twist", a.twist, b.twist)):
+        if one is not None and other is not None and one.topic == other.topic:
+            raise LogError(
+                f"{a.bag.path}: the {what} of both is that of {one.topic}, which agrees with itself; name a {what} for "
+                f"each, with --{what}-topic twice, or leave it out"
+            )
+
+
 class _Flights:
     """Reads two flights, and simulates one of them if it is a scene or has no motion.
 
@@ -145,6 +159,7 @@ class _Flights:
         a, b = (None if _is_scene(source) else self._read(source, k) for k, source in enumerate(self._sources))
         if a is not None and b is not None:
             if self._one_bag:
+                _require_different(a.track, b.track)
                 return a, b
             if self._scene is not None and not a.track.own and _is_one(*self._sources):
                 # Comparing a bag with itself says nothing: the scene is to be flown.

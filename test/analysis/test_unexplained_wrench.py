@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,15 @@ import pytest
 from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of
 
+from rb_dynamics import Setpoint, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, _possible, residual
+from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.report.text import residual_sentence
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 TRUE = np.array([[0.5, 0.02, -0.01], [0.02, 0.7, 0.03], [-0.01, 0.03, 0.9]])
 OTHER = np.diag([0.5, 0.8, 0.9])
@@ -185,3 +189,24 @@ def test_a_steady_turn_about_one_axis_tells_nothing_of_the_inertia(noise: float)
     left = on_wheels(noise, lambda t: np.full_like(t, 0.5), True)
     assert left.explained
     assert "any other would do as well" in residual_sentence(left, 0)
+
+
+def test_what_a_wheel_does_is_no_torque_that_nobody_recorded(tmp_path: Path) -> None:
+    """The part of a log is as a recording of a node with a wheel: its momentum was taken for a torque."""
+    text = (
+        BODY.replace("MATRIX", str(TRUE.tolist()))
+        + """
+initial: {angular_velocity_body: [0.3, 0.5, -0.2]}
+wrenches: []
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 1, 0], inertia: 0.01, max_torque: 0.1}]
+duration: 4
+"""
+    )
+    log, part = tmp_path / "run.mcap", tmp_path / "part.mcap"
+    simulate(parse_scene(text), [("wheel/command", Setpoint(0.1, 10**9))], [McapSink(log)])
+    assert main(["convert", str(log), str(part), "--from", "0.5", "--to", "3.5"]) == 0
+    for found in (inspect(part), inspect(part, scene=parse_scene(text))):
+        assert found.summary.residual is None
+        (judged,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
+        assert (judged.judged, judged.passed) == (False, True)
+        assert "what turns by /wheels has angular momentum, too" in judged.detail

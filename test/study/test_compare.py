@@ -303,6 +303,9 @@ def test_two_topics_of_one_bag(log: Path, folder: Path, capsys: pytest.CaptureFi
     assert f"B         {both}, /vicon/pose, /vicon/twist: " in text
     gyros = rb.compare(both, both, topics=(rb.TopicChoice(twist="/odom"), rb.TopicChoice(twist="/vicon/twist")))
     assert list(gyros.differences) == ["angular_velocity", "linear_velocity"]
+    # A topic that is given for both would agree with itself, and pass any bound.
+    assert main([*line, "--twist-topic", "/odom", "--bound", "angular_velocity=1e-9"]) == 2
+    assert "the twist of both is that of /odom, which agrees with itself" in capsys.readouterr().err
     # Of two recordings each has its topic; what is not named is found.
     one = rb.compare(log, both, topics=(rb.TopicChoice(pose="/odom"), rb.TopicChoice(pose="/vicon/pose")))
     assert one.differences["position"].max == pytest.approx(0.5, abs=1e-12)
