@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream, usual_interval
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array, Times
@@ -115,7 +115,7 @@ def _turning(flight: Flight, fastest: float) -> tuple[Times, Array] | None:
     if found is None or len(found[0]) < 2:
         return None
     times, rates = found
-    size = max(1, int(_SMOOTH / (fastest * float(np.median(np.diff(times))) / NANOSECONDS)))
+    size = max(1, int(_SMOOTH / (fastest * usual_interval(times) / NANOSECONDS)))
     count = len(times) // size
     first = int(times[0])
     means = (times[: count * size] - first).reshape(count, size).mean(axis=1)

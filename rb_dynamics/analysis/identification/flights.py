@@ -98,6 +98,21 @@ class Flight:
                 "a twist or a gyro; record the flight again, or name another recording"
             )
 
+    def without_repeats(self) -> Flight:
+        """Return the same without samples that are recorded again, which would make errors look smaller."""
+        streams, told = [], []
+        for stream in self.streams:
+            again = np.append(False, np.diff(stream.time_ns) == 0)
+            again[1:] &= (stream.values[1:] == stream.values[:-1]).all(axis=1)
+            if again.any():
+                told.append(
+                    f"{self.name}: {int(again.sum())} of {len(again)} samples of {stream.topic} {stream.kind} repeat "
+                    "the one before, with its time, and are left out"
+                )
+            kept = ~again
+            streams.append(replace(stream, time_ns=stream.time_ns[kept], values=stream.values[kept]))
+        return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
+
     def require_dense(self) -> None:
         """Refuse a recording between whose samples the body may have turned any number of times.
 
@@ -109,7 +124,7 @@ class Flight:
         rates = [float(np.median(np.linalg.norm(s.values, axis=1))) for s in turning if s.kind == RATES]
         if not turning:
             return
-        interval, place = min((float(np.median(np.diff(s.time_ns))) * 1e-9, k) for k, s in enumerate(turning))
+        interval, place = min((usual_interval(s.time_ns) * 1e-9, k) for k, s in enumerate(turning))
         topic = turning[place].topic
         if rates:
             turn, far = min(rates) * interval, np.pi
@@ -167,6 +182,12 @@ class Flight:
     def until(self, end_ns: int) -> Flight:
         """Return the same without what was measured after `end_ns`."""
         return replace(self, streams=tuple(_cut(stream, end_ns) for stream in self.streams))
+
+
+def usual_interval(time_ns: Times) -> float:
+    """Return the median interval, ns, of those that are not 0: stamps may be coarser than samples."""
+    steps = np.diff(time_ns)
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
 def _blank(stream: Stream) -> Array:

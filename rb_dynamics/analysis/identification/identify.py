@@ -136,8 +136,25 @@ class Identification:
         return all(each.explained for each in self.residuals)
 
     @property
+    def validated(self) -> bool | None:
+        """Whether the fit predicts the recordings that were held out; None without any."""
+        return not self._mispredicted if self.validation else None
+
+    @property
+    def _mispredicted(self) -> list[Residuals]:
+        """What is held out and not explained, nor about as well as what was fitted is."""
+        fitted: dict[str, float] = {}
+        for each in self.residuals:
+            fitted[each.kind] = max(each.times_noise, fitted.get(each.kind, 0.0))
+        return [
+            each
+            for each in self.validation
+            if not each.explained and each.times_noise > _AS_WELL * fitted.get(each.kind, 0.0)
+        ]
+
+    @property
     def unexplained(self) -> list[str]:
-        """What the model does not explain, as text."""
+        """What the model does not explain or predict, as text."""
         return [
             f"the model does not explain this recording: residuals of {each.topic} {each.kind} are "
             f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion; "
@@ -148,17 +165,22 @@ class Identification:
             )
             for each in self.residuals
             if not each.explained
+        ] + [
+            f"the fit does not predict what was held out: residuals of {each.topic} {each.kind} are "
+            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion: the body, or "
+            "what acts on it, is another there"
+            for each in self._mispredicted
         ]
 
     @property
     def passed(self) -> bool:
-        """Whether the fit came to rest and everything that was asked for is known; without names, anything at all.
+        """Whether the fit came to rest, everything that was asked for is known, and what was held out is predicted.
 
-        A fit that does not follow its recording determines nothing.
+        Without names, anything at all is to be known. A fit that does not follow its recording determines nothing.
         """
         asked = [each.known for each in self.parameters if each.asked]
         told = all(asked) if asked else any(each.known for each in self.parameters if _of_body(each.name))
-        return self.converged and told
+        return self.converged and told and self.validated is not False
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -189,6 +211,7 @@ class Identification:
             "explained": self.explained,
             "omissions": [each.as_dict() for each in self.omissions],
             "validation": _by_topic(self.validation),
+            "validated": self.validated,
             "notes": list(self.notes),
         }
 
@@ -198,6 +221,9 @@ def _of_body(name: str) -> bool:
         "effects["
     )
 
+
+_AS_WELL = 2.0
+"""What is held out may be missed by so many times what is fitted is."""
 
 _SHOWN = ("rms", "count", "unit", "noise", "white", "correlation", "times_noise", "unexplained")
 
@@ -264,7 +290,8 @@ def identify(
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
     flights, held_out = (
-        [_flight(each, known, commands, columns, topics) for each in some] for some in (given, validate)
+        [_flight(each, known, commands, columns, topics).without_repeats() for each in some]
+        for some in (given, validate)
     )
     for flight in (*flights, *held_out):
         flight.require_dense()

@@ -10,7 +10,7 @@ import numpy as np
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.coloured_noise import Band, bands_of, noise_beneath, root_of, whiteness
 from rb_dynamics.analysis.identification.estimation import Fit, floor_of, information
-from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS
+from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, usual_interval
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.track import Array
 
@@ -97,7 +97,7 @@ def _rms(rows: Array) -> float:
 
 def _beneath(model: Model, each: Predicted) -> float:
     """Return the noise of a sample beneath residuals."""
-    interval = float(np.median(np.diff(each.time_ns))) * 1e-9 if len(each.time_ns) > 1 else 0.0
+    interval = usual_interval(each.time_ns) * 1e-9
     steps = np.abs(np.diff(each.measured, axis=0))
     least = float(steps[steps > 0.0].min(initial=np.inf))
     turn = model.starts[each.flight].fastest * interval

@@ -167,7 +167,7 @@ def _missing(found: Identification) -> list[str]:
     if lacks:
         told = f"; to know {found.advice[0]}" if found.advice else ""
         lines.append(f"not known from these recordings: {', '.join(lacks)}{told}")
-    elif not found.passed and found.converged:
+    elif not found.passed and found.converged and found.validated is not False:
         told = f"; to know {found.advice[0]}" if found.advice else ""
         lines.append(f"these recordings tell nothing of the body{told}")
     return lines

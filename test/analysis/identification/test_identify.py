@@ -125,9 +125,42 @@ def test_held_out_recording_is_predicted_to_its_noise() -> None:
     random = np.random.default_rng(10)
     body = random_body(random)
     flights = [flown(body, random, torque=1.0) for _ in range(2)]
-    (left,) = identify(guess(body), flights[:1], ["inertia"], validate=flights[1:]).validation
+    found = identify(guess(body), flights[:1], ["inertia"], validate=flights[1:])
+    (left,) = found.validation
 
     assert left.rms == pytest.approx(5e-3, rel=0.1)
+    assert (found.passed, found.validated, found.as_dict()["validated"]) == (True, True, True)
+    assert identify(guess(body), flights[:1], ["inertia"]).validated is None
+
+
+def test_a_held_out_flight_of_another_body_is_named_and_fails() -> None:
+    random = np.random.default_rng(10)
+    body = random_body(random)
+    other = RigidBody.from_diagonal(body.mass, (0.01, 0.02, 0.025))
+    made, strange = (flown(each, random, torque=1.0) for each in (body, other))
+    found = identify(guess(body), [made], ["inertia"], validate=[strange])
+
+    assert (found.explained, found.validated, found.passed) == (True, False, False)
+    assert found.unexplained[0].startswith("the fit does not predict what was held out: residuals of")
+
+
+def test_a_sample_that_is_recorded_twice_counts_once() -> None:
+    random = np.random.default_rng(12)
+    body = random_body(random)
+    made = flown(body, random, torque=1.0)
+    twice = [replace(s, time_ns=s.time_ns.repeat(2), values=s.values.repeat(2, axis=0)) for s in made.streams]
+    once, again = (identify(guess(body), [each], ["inertia"]) for each in (made, replace(made, streams=tuple(twice))))
+    assert np.array_equal(once.covariance, again.covariance)
+    assert any("repeat the one before, with its time, and are left out" in note for note in again.notes)
+
+
+def test_stamps_coarser_than_the_samples_are_fitted() -> None:
+    """As milliseconds of a gyro at 4 kHz: half of the intervals and more are 0."""
+    random = np.random.default_rng(13)
+    body = random_body(random)
+    made = flown(body, random, torque=1.0)
+    coarse = [replace(s, time_ns=np.sort(s.time_ns // 40_000_000 * 40_000_000)) for s in made.streams]
+    identify(guess(body), [replace(made, streams=tuple(coarse))], ["inertia"])
 
 
 @pytest.mark.parametrize(
