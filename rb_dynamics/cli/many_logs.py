@@ -7,7 +7,6 @@ import glob
 import json
 import re
 import signal
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -106,7 +105,7 @@ def report(
 
     rows, width = [], max(map(len, logs))
     if not args.json:
-        _say(f"{'':6}  {'log':{width}}{''.join(f'{name:>14}' for name in columns)}")
+        output.say(f"{'':6}  {'log':{width}}{''.join(f'{name:>14}' for name in columns)}")
     with output.counting(title, "log", 0, len(logs)) as count:
         for row in each_of(logs, work, args.jobs):
             rows.append(row)
@@ -114,11 +113,11 @@ def report(
                 count(len(rows), len(logs))
             if not args.json:
                 cells = "".join(f"{row.cells.get(name, ''):>14}" for name in columns)
-                _say(f"{row.verdict:6}  {row.path:{width}}{cells}  {row.detail}".rstrip())
+                output.say(f"{row.verdict:6}  {row.path:{width}}{cells}  {row.detail}".rstrip())
     if args.json:
-        _say(json.dumps([row.facts for row in rows], allow_nan=False))
+        output.say(json.dumps([row.facts for row in rows], allow_nan=False))
     counts = {name: sum(row.verdict == name for row in rows) for name in (PASSED, FAILED, ERROR)}
-    said = sys.stderr if args.json else sys.stdout
+    said = output.note_of(args)
     print(f"{len(rows)} logs: {', '.join(f'{n} {name}' for name, n in counts.items() if n)}", file=said)
     if args.html:
         from rb_dynamics.report.html import write_html
@@ -130,11 +129,6 @@ def report(
     if counts[ERROR] == len(rows):
         return 2
     return 0 if counts[PASSED] == len(rows) else 1
-
-
-def _say(text: str) -> None:
-    encoding = sys.stdout.encoding or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = None) -> Iterator[Row]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
+    import argparse
+
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
+    from rb_dynamics.report.html import Report
     from rb_dynamics.run.simulation import Command, Run
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.study.covariance import Covariance
@@ -42,13 +45,13 @@ _UNITS = {
 _NOTHING = 1e-9
 
 
-def as_json(run: Run, spread: Covariance | None = None) -> str:
-    """Return one JSON object; floats in full precision, so that they can be read back to the same bits."""
+def as_dict(run: Run, spread: Covariance | None = None) -> dict[str, Any]:
+    """Return plain values for JSON; floats in full precision can be read back to the same bits."""
     sample = _known(run)
     facts = {**sample, "method": run.method, "steps": run.steps, "wall_time_s": run.wall_time_s}
     if spread is not None:
         facts["uncertainty"] = spread.as_dict()
-    return json.dumps(facts, allow_nan=False)
+    return facts
 
 
 def as_text(run: Run, spread: Covariance | None = None) -> str:
@@ -107,9 +110,55 @@ def _known(run: Run) -> dict[str, Any]:
     return {name: value for name, value in asdict(run.sample).items() if value is not None}
 
 
+def say(text: str) -> None:
+    """Print `text`; characters that the terminal lacks are escaped."""
+    encoding = sys.stdout.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+
+
+def show(args: argparse.Namespace, as_dict: Callable[[], object], as_text: Callable[[], str]) -> None:
+    """Print a result as text, or with `--json` as one JSON object."""
+    say(json.dumps(as_dict(), allow_nan=False) if args.json else as_text())
+
+
+def note_of(args: argparse.Namespace) -> TextIO:
+    """Return where to print what was written: with `--json`, stdout has only one JSON object."""
+    return sys.stderr if args.json else sys.stdout
+
+
+def prepare(written: Iterable[str | None], *inputs: str | None) -> None:
+    """Make the folders of the files to write.
+
+    Raises:
+        LogError: two are the same file, or one would replace an input.
+    """
+    from pathlib import Path
+
+    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
+
+    names = [*filter(None, written)]
+    require_apart(names)
+    for name in names:
+        require_other(name, *filter(None, inputs))
+        if not _in_viewer(name):
+            make_folder(Path(name))
+
+
+def write_page(args: argparse.Namespace, report: Report) -> None:
+    """Write the page of `--html`, and say so."""
+    from rb_dynamics.report.html import write_html
+
+    write_html(args.html, report)
+    print(written_page(args.html), file=note_of(args))
+
+
+def _in_viewer(name: str) -> bool:
+    return name == "spawn" or "://" in name
+
+
 def written(name: str) -> str:
     """Return the message about a finished output: a file, or what a viewer shows."""
-    return "shown in the Rerun viewer" if name == "spawn" or "://" in name else f"wrote {name}"
+    return "shown in the Rerun viewer" if _in_viewer(name) else f"wrote {name}"
 
 
 def written_page(name: str) -> str:

@@ -66,13 +66,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
-    from pathlib import Path
-
-    from rb_dynamics.formats.output_file import make_folder
+    from rb_dynamics.cli.output import prepare
     from rb_dynamics.study.campaign.store import Store
 
-    if args.html:
-        make_folder(Path(args.html))
+    prepare([args.html])
     with contextlib.closing(Store(out, campaign, args.overwrite)) as store:
         return _fly(args, campaign, store)
 
@@ -81,7 +78,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     """Run what `store` does not have yet, and print statistics over all rows."""
     import json
 
-    from rb_dynamics.cli.output import counting, written_page
+    from rb_dynamics.cli.output import counting, show, written_page
     from rb_dynamics.formats.output_file import OutputFile
     from rb_dynamics.study.campaign.engine import goes_side_by_side, run_campaign
     from rb_dynamics.study.campaign.loop_stability import remarks
@@ -109,7 +106,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     found = summary.as_dict()
     with contextlib.closing(OutputFile(out.with_suffix(".json"))) as file:
         file.write(json.dumps(found, allow_nan=False).encode())
-    print(json.dumps(found, allow_nan=False) if args.json else as_text(campaign, summary, _options(args), str(out)))
+    show(args, lambda: found, lambda: as_text(campaign, summary, _options(args), str(out)))
     page = _write_page(args, campaign, rows, out, summary)
     if not args.json:
         for path in (out, out.with_suffix(".json")):
@@ -147,14 +144,14 @@ def _write_page(
 
 
 def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
-    import json
     from pathlib import Path
 
+    from rb_dynamics.cli.output import show
     from rb_dynamics.study.campaign.single_run import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
     found = rerun(campaign, args.rerun, log, out)
-    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else found.as_text())
+    show(args, found.as_dict, found.as_text)
     if found.row is None:
         print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
     return 1 if found.differs or found.error else 0

@@ -16,7 +16,6 @@ the time is compared; 2 nothing to compare.
 from __future__ import annotations
 
 import argparse
-import sys
 from decimal import Decimal
 
 from rb_dynamics.cli.parser import add_window
@@ -80,20 +79,11 @@ def _accepts(bound: float) -> bool:
 
 def run(args: argparse.Namespace) -> int:
     """Compare and print; exit code 0, or 1 beyond the bound or below the share."""
-    import json
-    from pathlib import Path
-
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
     from rb_dynamics.report.comparison_text import as_text
     from rb_dynamics.study.compare import compare
 
-    written = [*filter(None, (args.html, args.rerun))]
-    require_apart(written)
-    for target in written:
-        require_other(target, *filter(None, (args.a, args.b, args.scene)))
-    if args.html:
-        make_folder(Path(args.html))
+    output.prepare((args.html, args.rerun), args.a, args.b, args.scene)
     found = compare(
         args.a,
         args.b,
@@ -107,21 +97,16 @@ def run(args: argparse.Namespace) -> int:
         mapping=mapping_of(args),
         topics=topics_of_two(args),
     )
-    encoding = sys.stdout.encoding or "utf-8"
-    text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found)
-    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
-    said = sys.stderr if args.json else sys.stdout
+    output.show(args, found.as_dict, lambda: as_text(found))
     if args.html:
         from rb_dynamics.report.comparison_page import comparison_report
-        from rb_dynamics.report.html import write_html
 
-        write_html(args.html, comparison_report(found))
-        print(output.written_page(args.html), file=said)
+        output.write_page(args, comparison_report(found))
     if args.rerun:
         from rb_dynamics.report.comparison_rerun import write_comparison_recording
 
         write_comparison_recording(found, args.rerun)
-        print(output.written(args.rerun), file=said)
+        print(output.written(args.rerun), file=output.note_of(args))
     return 0 if found.passed else 1
 
 

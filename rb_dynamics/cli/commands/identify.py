@@ -69,18 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print; exit code 0, or 1 if something asked for is not known."""
-    import json
     from pathlib import Path
 
     from rb_dynamics.analysis.identification.identify import identify
     from rb_dynamics.cli import output, scene_arguments
-    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
 
-    written = [*filter(None, (args.out, args.html))]
-    require_apart(written)
-    for target in written:
-        require_other(target, args.scene, *args.recordings, *args.wrench, *args.validate)
-        make_folder(Path(target))
+    output.prepare((args.out, args.html), args.scene, *args.recordings, *args.wrench, *args.validate)
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     with output.progress(args.scene) as progress:
         found = identify(
@@ -95,16 +89,14 @@ def run(args: argparse.Namespace) -> int:
             starts=args.starts,
             progress=progress,
         )
-    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found, args.advise), flush=True)
+    output.show(args, found.as_dict, lambda: as_text(found, args.advise))
     if args.out:
         Path(args.out).write_text(found.scene.text, encoding="utf-8")
-        print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
+        print(f"wrote {args.out}", file=output.note_of(args))
     if args.html:
-        from rb_dynamics.report.html import write_html
         from rb_dynamics.report.identification_page import identification_report
 
-        write_html(args.html, identification_report(found))
-        print(output.written_page(args.html), file=sys.stderr if args.json else sys.stdout)
+        output.write_page(args, identification_report(found))
     for line in (*found.unexplained, *_missing(found)):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1

@@ -66,7 +66,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the summary; exit code 0, or 1 if a check fails."""
-    import json
     from functools import partial
     from pathlib import Path
 
@@ -76,7 +75,6 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli.many_logs import logs_of, report
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
-    from rb_dynamics.formats.output_file import make_folder, require_apart, require_other
     from rb_dynamics.report.text import as_text
     from rb_dynamics.scene import read_scene
 
@@ -84,10 +82,7 @@ def run(args: argparse.Namespace) -> int:
         require_library("--verify")
     window = (args.from_s, args.to_s)
     bound, topics, logs = BOUND if args.bound is None else args.bound, chosen_topics(args), logs_of(args.log)
-    require_apart(filter(None, (args.html, args.video)))
-    for written in filter(None, (args.html, args.video)):
-        require_other(written, *filter(None, (*(logs or args.log), args.scene)))
-        make_folder(Path(written))
+    output.prepare((args.html, args.video), *(logs or args.log), args.scene)
     if logs is not None:
         if args.video:
             args.parser.error(f"found --video for {len(logs)} logs, expected one; a video shows one log")
@@ -99,30 +94,25 @@ def run(args: argparse.Namespace) -> int:
         return report(args, logs, work, _COLUMNS, "Inspected logs")
     (log,) = args.log
     found = inspect(log, args.scene, bound, topics, window, args.target)
-    encoding = sys.stdout.encoding or "utf-8"
-    text = json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found.summary)
-    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
-    # Only one JSON object on stdout, whatever else is written.
-    said = sys.stderr if args.json else sys.stdout
+    output.show(args, found.as_dict, lambda: as_text(found.summary))
     if args.html:
-        from rb_dynamics.report.html import write_html
         from rb_dynamics.report.run_page import run_report
 
-        write_html(args.html, run_report(found.track, found.summary))
-        print(output.written_page(args.html), file=said)
+        output.write_page(args, run_report(found.track, found.summary))
     if args.video:
         from rb_dynamics.report.video import write_video
 
         with output.progress(f"rendering {args.video}") as progress:
             frames = write_video(args.video, found.track, progress=progress)
-        print(f"wrote {args.video}: {frames} frames", file=said)
+        print(f"wrote {args.video}: {frames} frames", file=output.note_of(args))
     if args.verify:
         try:
             count = verify_bag(Path(log))
         except LogError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
-        print(f"verified with the package mcap: {count} messages, their checksums, index and order", file=said)
+        said = f"verified with the package mcap: {count} messages, their checksums, index and order"
+        print(said, file=output.note_of(args))
     return 0 if found.passed else 1
 
 

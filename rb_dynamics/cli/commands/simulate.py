@@ -48,7 +48,6 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.output_file import make_folder
     from rb_dynamics.run.simulation import simulate
 
     scene, commands = read_with_commands(args)
@@ -67,15 +66,14 @@ def run(args: argparse.Namespace) -> int:
         if (args.html or args.sigma or args.covariance) and not mcap:
             mcap = args.mcap = str(Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.mcap")
         sinks = log_sinks(args)
-        if args.html:
-            make_folder(Path(args.html))
+        output.prepare([args.html])
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress, getattr(commands, "facts", None))
         output.warn_rejected(result, len(commands))
         output.note_run(result, scene, commands)
         if args.sigma or args.covariance:
             spread = covariance(mcap, args.covariance, sigmas)
-        print(output.as_json(result, spread) if args.json else output.as_text(result, spread), flush=True)
+        output.show(args, lambda: output.as_dict(result, spread), lambda: output.as_text(result, spread))
         if args.html:
             from rb_dynamics.report.run_page import write_run_report
 

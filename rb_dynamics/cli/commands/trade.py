@@ -62,17 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; exit code 0, or 1 if nothing can be recommended."""
-    import json
-    from pathlib import Path
-
     from rb_dynamics.cli import output
-    from rb_dynamics.formats.output_file import make_folder, require_other
     from rb_dynamics.study.trade import trade
 
     scene, commands = read_with_commands(args)
-    if args.html:
-        require_other(args.html, args.scene, *args.wrench)
-        make_folder(Path(args.html))
+    output.prepare([args.html], args.scene, *args.wrench)
     with output.progress(args.scene) as progress:
         found = trade(
             scene,
@@ -84,14 +78,11 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
             compiling=_say_once("compiling kernels: some seconds each, once, on top of --time"),
         )
-    print(json.dumps(found.as_dict(), allow_nan=False) if args.json else as_text(found), flush=True)
+    output.show(args, found.as_dict, lambda: as_text(found))
     if args.html:
-        from rb_dynamics.report.html import write_html
         from rb_dynamics.report.trade_page import trade_report
 
-        write_html(args.html, trade_report(found))
-        if not args.json:
-            print(output.written_page(args.html))
+        output.write_page(args, trade_report(found))
     if found.recommended is None:
         print(f"rb-dynamics: {found.shortfall}", file=sys.stderr)
         return 1
