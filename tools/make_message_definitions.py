@@ -19,14 +19,26 @@ HEAD = '''"""Definitions and type hashes of the ROS 2 messages in a log, by tool
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 SEPARATOR = "=" * 80 + "\\n"
 
 
 def schema_text(type_name: str) -> str:
     """Return the `ros2msg` schema: the definition of `type_name`, then of each type inside it."""
     parts = [DEFINITIONS[type_name]]
-    parts += [f"MSG: {inner.replace('/msg/', '/')}\\n{DEFINITIONS[inner]}" for inner in INNER_TYPES[type_name]]
+    inside = dict.fromkeys(_inside(type_name))
+    parts += [f"MSG: {inner.replace('/msg/', '/')}\\n{DEFINITIONS[inner]}" for inner in inside]
     return SEPARATOR.join(parts)
+
+
+def _inside(type_name: str) -> Iterator[str]:
+    """Yield the type of each field that is a message, and behind it those inside."""
+    for line in DEFINITIONS[type_name].splitlines():
+        package, slash, name = line.partition(" ")[0].partition("[")[0].partition("/")
+        if slash:
+            inner = f"{package}/msg/{name}"
+            yield from (inner, *_inside(inner))
 
 
 '''
@@ -36,30 +48,18 @@ def generate() -> str:
     """Return the text of message_definitions.py."""
     store = get_typestore(Stores.ROS2_JAZZY)
     definitions: dict[str, str] = {}
-    inner_types: dict[str, list[str]] = {}
     for name in LAYOUTS:
         first, *others = str(store.generate_msgdef(name, ros_version=2)[0]).split(SEPARATOR)
         named = [part.removeprefix("MSG: ").split("\n", 1) for part in others]
-        inner_types[name] = [inner.replace("/", "/msg/") for inner, _ in named]
         definitions[name] = first
         definitions.update({inner.replace("/", "/msg/"): text for inner, text in named})
     lines = ["# Of each type in a log: its RIHS01 hash.", "TYPE_HASHES: dict[str, str] = {"]
     for name in LAYOUTS:
         line = f'    "{name}": "{store.hash_rihs01(name)}",'
         lines += [line] if len(line) <= 120 else [line.replace(": ", ": (\n        ", 1)[:-1], "    ),"]
-    lines += ["}", "", "# Of each type in a log: the types inside it, in the order of its schema."]
-    lines += ["INNER_TYPES: dict[str, tuple[str, ...]] = {"]
-    for name, inner in inner_types.items():
-        lines += _entry(name, inner)
     lines += ["}", "", "DEFINITIONS: dict[str, str] = {"]
     lines += [f'    "{name}": """\\\n{definitions[name]}""",' for name in sorted(definitions)]
     return HEAD + "\n".join([*lines, "}", ""])
-
-
-def _entry(name: str, inner: list[str]) -> list[str]:
-    if len(inner) < 2:
-        return [f'    "{name}": (' + "".join(f'"{each}",' for each in inner) + "),"]
-    return [f'    "{name}": (', *(f'        "{each}",' for each in inner), "    ),"]
 
 
 if __name__ == "__main__":

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 SEPARATOR = "=" * 80 + "\n"
 
 
 def schema_text(type_name: str) -> str:
     """Return the `ros2msg` schema: the definition of `type_name`, then of each type inside it."""
     parts = [DEFINITIONS[type_name]]
-    parts += [f"MSG: {inner.replace('/msg/', '/')}\n{DEFINITIONS[inner]}" for inner in INNER_TYPES[type_name]]
+    inside = dict.fromkeys(_inside(type_name))
+    parts += [f"MSG: {inner.replace('/msg/', '/')}\n{DEFINITIONS[inner]}" for inner in inside]
     return SEPARATOR.join(parts)
+
+
+def _inside(type_name: str) -> Iterator[str]:
+    """Yield the type of each field that is a message, and behind it those inside."""
+    for line in DEFINITIONS[type_name].splitlines():
+        package, slash, name = line.partition(" ")[0].partition("[")[0].partition("/")
+        if slash:
+            inner = f"{package}/msg/{name}"
+            yield from (inner, *_inside(inner))
 
 
 # Of each type in a log: its RIHS01 hash.
@@ -39,121 +51,6 @@ TYPE_HASHES: dict[str, str] = {
     ),
     "geometry_msgs/msg/TransformStamped": "RIHS01_0a241f87d04668d94099cbb5ba11691d5ad32c2f29682e4eb5653424bd275206",
     "sensor_msgs/msg/Imu": "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
-}
-
-# Of each type in a log: the types inside it, in the order of its schema.
-INNER_TYPES: dict[str, tuple[str, ...]] = {
-    "geometry_msgs/msg/PoseStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Pose",
-        "geometry_msgs/msg/Point",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "geometry_msgs/msg/TwistStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Twist",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/AccelStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Accel",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/WrenchStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Wrench",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/Wrench": ("geometry_msgs/msg/Vector3",),
-    "geometry_msgs/msg/Vector3Stamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/InertiaStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Inertia",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/QuaternionStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "sensor_msgs/msg/MagneticField": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "sensor_msgs/msg/JointState": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-    ),
-    "nav_msgs/msg/Odometry": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/PoseWithCovariance",
-        "geometry_msgs/msg/Pose",
-        "geometry_msgs/msg/Point",
-        "geometry_msgs/msg/Quaternion",
-        "geometry_msgs/msg/TwistWithCovariance",
-        "geometry_msgs/msg/Twist",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "std_msgs/msg/Float64": (),
-    "diagnostic_msgs/msg/DiagnosticArray": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        "diagnostic_msgs/msg/KeyValue",
-    ),
-    "rosgraph_msgs/msg/Clock": ("builtin_interfaces/msg/Time",),
-    "tf2_msgs/msg/TFMessage": (
-        "geometry_msgs/msg/TransformStamped",
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Transform",
-        "geometry_msgs/msg/Vector3",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "geometry_msgs/msg/Pose": (
-        "geometry_msgs/msg/Point",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "geometry_msgs/msg/Twist": ("geometry_msgs/msg/Vector3",),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/PoseWithCovariance",
-        "geometry_msgs/msg/Pose",
-        "geometry_msgs/msg/Point",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "geometry_msgs/msg/TwistWithCovarianceStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/TwistWithCovariance",
-        "geometry_msgs/msg/Twist",
-        "geometry_msgs/msg/Vector3",
-    ),
-    "geometry_msgs/msg/TransformStamped": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Transform",
-        "geometry_msgs/msg/Vector3",
-        "geometry_msgs/msg/Quaternion",
-    ),
-    "sensor_msgs/msg/Imu": (
-        "std_msgs/msg/Header",
-        "builtin_interfaces/msg/Time",
-        "geometry_msgs/msg/Quaternion",
-        "geometry_msgs/msg/Vector3",
-    ),
 }
 
 DEFINITIONS: dict[str, str] = {
