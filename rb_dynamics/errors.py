@@ -5,6 +5,9 @@ Programming errors must raise Python's own exceptions, with their traceback.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class RigidBodyError(Exception):
     """Base of all errors below; the command line prints it as one message and exits with code 2."""
@@ -43,3 +46,16 @@ class MissingExtraError(RigidBodyError):
             f"{purpose} needs the package {package!r}, which is not installed; install the extra {extra!r}: "
             f"pip install 'rb_dynamics[{extra}]', or '.[{extra}]' in the source tree"
         )
+
+
+@contextmanager
+def needing(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Say which extra brings `package` where an import in this context fails.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        yield
+    except ImportError:
+        raise MissingExtraError(package, extra, purpose) from None

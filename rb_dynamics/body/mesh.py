@@ -26,7 +26,7 @@ from rb_dynamics.body.guarded_files import read_bounded
 from rb_dynamics.body.particles import inertia_from_second_moments
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import LARGEST, SMALLEST
-from rb_dynamics.errors import BodyError, MissingExtraError
+from rb_dynamics.errors import BodyError, needing
 from rb_dynamics.numerics.rotation import Matrix
 from rb_dynamics.numerics.vector import Vector, scale
 
@@ -84,10 +84,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
             f"file is {os.fspath(path)!r}, expected one that ends in {', '.join(FORMATS)}; convert the mesh"
         )
     data = read_bounded(path, MAX_BYTES, "a mesh")
-    try:
+    with needing("trimesh", "mesh", "a body from a mesh"):
         import trimesh
-    except ImportError:
-        raise MissingExtraError("trimesh", "mesh", "a body from a mesh") from None
     # It logs how it failed to read what it then reads in another way.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     if suffix == ".obj":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.conversion.bag_to_table import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder, require_other
 from rb_dynamics.sinks.appearance import BLUE, GREEN, GREY, RED
 from rb_dynamics.sinks.thinning import Polyline
@@ -33,10 +33,8 @@ def bag_to_rerun(
         LogError: the bag has nothing to show, or a file cannot be read or written.
         MissingExtraError: rerun-sdk is not installed.
     """
-    try:
+    with needing("rerun-sdk", "log", "writing a .rrd file"):
         import rerun as rr
-    except ImportError as error:
-        raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
     require_other(target, bag)
     make_folder(target)
     try:

@@ -16,7 +16,7 @@ from operator import index
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol, TypeAlias, TypeVar
 
-from rb_dynamics.errors import LogError, MissingExtraError, SceneError
+from rb_dynamics.errors import LogError, SceneError, needing
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 from rb_dynamics.formats.mcap_records import (
     MAX_RECORD_BYTES,
@@ -241,10 +241,8 @@ class DatabaseFile:
             LogError: the file cannot be read.
             MissingExtraError: rosbags is not installed.
         """
-        try:
+        with needing("rosbags", "log", f"reading {self.path}"):
             from rosbags.rosbag2 import Reader
-        except ImportError:
-            raise MissingExtraError("rosbags", "log", f"reading {self.path}") from None
         require_file(self.path)
         try:
             with Reader(self.path) as reader:
@@ -404,10 +402,8 @@ def _zstd_parts(packed: BinaryIO) -> Iterator[bytes]:
         ValueError: it is not zstd data, or is cut off.
         MissingExtraError: zstandard is not installed.
     """
-    try:
+    with needing("zstandard", "log", "reading a compressed bag"):
         import zstandard
-    except ImportError:
-        raise MissingExtraError("zstandard", "log", "reading a compressed bag") from None
     frame, count = None, 0
     try:
         while part := packed.read(_PACKED_BYTES):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.bag_source import SplitBag, bag_facts, open_source
 from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
@@ -31,10 +31,8 @@ def require_library(purpose: str) -> None:
     Raises:
         MissingExtraError: it is not.
     """
-    try:
+    with needing("mcap", "log", purpose):
         import mcap.reader  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("mcap", "log", purpose) from None
 
 
 def verify_bag(path: Path) -> int:

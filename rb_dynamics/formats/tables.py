@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import OutputFile, make_folder
 
 
@@ -66,11 +66,9 @@ def _cell(value: object) -> str:
 
 
 def _write_parquet(path: Path, columns: Sequence[Column], blocks: Iterable[Rows]) -> int:
-    try:
+    with needing("pyarrow", "log", "writing a .parquet file"):
         import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
         from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "log", "writing a .parquet file") from None
     types = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string()}
     units = [{"unit": column.unit} if column.unit else None for column in columns]
     fields = [

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.report.interactive_plots import Picture, time_axis
-from rb_dynamics.report.svg import COLORS, TEXT, picture, tick, time_unit
+from rb_dynamics.report.svg import COLORS, TEXT, picture, quiet, time_unit
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Numbers = NDArray[np.float64]
@@ -131,24 +130,10 @@ def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, column
             axes = figure.add_subplot(rows, columns, number + 1)
             plot(axes)
             axes.set_title(title, loc="left", color=TEXT, fontsize=10.5)
-            _quiet(axes)
+            quiet(axes)
 
     titles = [title for title, _ in panels]
     return picture(fill, (_WIDTH, height), name, titles, layout="constrained", columns=columns)
-
-
-def _quiet(axes: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter, NullFormatter
-
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#808080")
-    axes.tick_params(which="both", color="#808080", labelcolor=TEXT, length=3.0)
-    axes.grid(color="#808080", alpha=0.2, linewidth=0.6)
-    axes.set_axisbelow(True)
-    for axis in (axes.xaxis, axes.yaxis):
-        if axis.get_scale() == "log":
-            axis.set_minor_formatter(NullFormatter())
-        axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
 
 
 def _is_wide(values: Numbers) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference, Side
 from rb_dynamics.body.inertia_quantities import equivalent_box
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
@@ -39,10 +39,8 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
         LogError: the file cannot be written, or there is no viewer.
         MissingExtraError: rerun-sdk is not installed.
     """
-    try:
+    with needing("rerun-sdk", "log", "writing a .rrd file"):
         import_module("rerun")
-    except ImportError as error:
-        raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
     import rerun as rr
 
     path, address = Path(target), viewer_address(os.fspath(target))

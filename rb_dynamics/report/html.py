@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.log_metadata import version
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.report.interactive_plots import EXTRA, Picture, encode, library
@@ -110,11 +110,9 @@ def render_html(report: Report) -> str:
     Raises:
         MissingExtraError: jinja2 is not installed.
     """
-    try:
+    with needing("jinja2", "plot", "an HTML report"):
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
         from markupsafe import Markup
-    except ImportError:
-        raise MissingExtraError("jinja2", "plot", "an HTML report") from None
     folder = Path(__file__).parent / "templates"
     environment = Environment(
         loader=FileSystemLoader(folder),

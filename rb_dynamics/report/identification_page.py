@@ -17,10 +17,9 @@ from rb_dynamics.analysis.identification.prediction import Predicted
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.report.interactive_plots import Picture
-from rb_dynamics.report.svg import COLORS, TEXT, Array, Line, Panel, components, draw, picture, tick
+from rb_dynamics.report.svg import COLORS, TEXT, Array, Line, Panel, components, draw, picture, quiet
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
 # More recordings than these are not drawn.
@@ -200,7 +199,8 @@ def _ellipse_figure(found: Identification, pairs: list[tuple[int, int]]) -> Pict
             axes.plot([0.0], [0.0], "o", color=COLORS[0], markersize=3.0)
             axes.set_xlabel(_offset(one), color=TEXT)
             axes.set_ylabel(_offset(other), color=TEXT)
-            _style(axes)
+            axes.locator_params(nbins=4)
+            quiet(axes)
 
     titles = [f"{found.parameters[i].name}, {found.parameters[j].name}" for i, j in pairs]
     size, columns = (690.0, 215.0 * rows), min(3, len(pairs))
@@ -210,18 +210,6 @@ def _ellipse_figure(found: Identification, pairs: list[tuple[int, int]]) -> Pict
 def _offset(each: Parameter) -> str:
     sign = "+" if each.value < 0.0 else "−"
     return f"{each.name} {sign} {abs(each.value):.4g}" + (f" [{each.unit}]" if each.unit else "")
-
-
-def _style(axes: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter
-
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#808080")
-    axes.grid(color="#808080", alpha=0.25, linewidth=0.6)
-    axes.tick_params(color="#808080", labelcolor=TEXT, length=3.0)
-    axes.locator_params(nbins=4)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
 
 
 def _ellipse(covariance: Array) -> Array:

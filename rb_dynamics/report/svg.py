@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import after_gaps
-from rb_dynamics.errors import MissingExtraError
+from rb_dynamics.errors import needing
 from rb_dynamics.report.html import printable
 from rb_dynamics.report.interactive_plots import Picture, Plot, read, time_axis
 
@@ -183,11 +183,9 @@ def picture(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    try:
+    with needing("matplotlib", "plot", "a figure"):
         from matplotlib import style
         from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "plot", "a figure") from None
 
     def drawn(most: int) -> Figure:
         figure = Figure(figsize=(size[0] / 72.0, size[1] / 72.0), layout=layout)
@@ -213,7 +211,7 @@ def _span(panels: Sequence[Panel], span_s: Array | None) -> tuple[float, float]:
 
 
 def _plot(axes: Axes, panel: Panel, end: float, second: float, most: int) -> None:
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
+    from matplotlib.ticker import MaxNLocator
 
     for line, (color, dashed) in zip(panel.lines, _looks(panel.lines), strict=True):
         time_s, values = _points(line, panel.log, end, most)
@@ -222,17 +220,27 @@ def _plot(axes: Axes, panel: Panel, end: float, second: float, most: int) -> Non
         axes.plot(
             time_s * second, values, color=color, linewidth=1.3, linestyle=look, drawstyle=drawn, label=line.label
         )
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#808080")
-    axes.grid(axis="y", color="#808080", alpha=0.25, linewidth=0.6)
-    axes.tick_params(color="#808080", labelcolor=TEXT, length=3.0)
     if panel.log:
         _logarithmic(axes)
     else:
         axes.margins(y=0.1)
         _widen(axes)
         axes.yaxis.set_major_locator(MaxNLocator(5, min_n_ticks=3))
+    quiet(axes, "y")
+
+
+def quiet(axes: Axes, grid: Literal["both", "y"] = "both") -> None:
+    """Draw axes in grey, without a box, with a grid across those named, and with few digits at their ticks."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#808080")
+    axes.grid(axis=grid, color="#808080", alpha=0.25, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(which="both", color="#808080", labelcolor=TEXT, length=3.0)
     for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_minor_formatter(NullFormatter())
         axis.set_major_formatter(FuncFormatter(lambda value, _, axis=axis: tick(value, axis.get_majorticklocs())))
 
 

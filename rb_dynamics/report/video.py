@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.track import Array, Motion, Track, motion_of
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.numerics.rotation_arrays import rotate_all
@@ -154,12 +154,10 @@ def _torque(track: Track, motion: Motion, body: RigidBody) -> NDArray[np.bool_]:
 
 def _frames(motion: _Seen, rate: int, progress: Callable[[float], None] | None) -> Iterator[bytes]:
     """Yield the RGBA pictures."""
-    try:
+    with needing("matplotlib", "video", "a video"):
         from matplotlib import style
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "video", "a video") from None
     start, end = float(motion.time_s[0]), float(motion.time_s[-1])
     seconds = min(max(end - start, SHORTEST_S), LONGEST_S)
     with style.context("default"):
@@ -384,8 +382,6 @@ def _write_mp4(target: Path, frames: Iterable[bytes], rate: int) -> int:
 def _ffmpeg() -> str:
     if program := shutil.which("ffmpeg"):
         return program
-    try:
+    with needing("imageio-ffmpeg", "video", "an .mp4 (a .gif needs only matplotlib)"):
         from imageio_ffmpeg import get_ffmpeg_exe
-    except ImportError:
-        raise MissingExtraError("imageio-ffmpeg", "video", "an .mp4 (a .gif needs only matplotlib)") from None
     return str(get_ffmpeg_exe())

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.inertia_quantities import equivalent_box
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
@@ -138,10 +138,8 @@ class RerunSink:
             MissingExtraError: rerun-sdk is not installed.
             LogError: the file cannot be written.
         """
-        try:
+        with needing("rerun-sdk", "log", "writing a .rrd file"):
             import_module("rerun")
-        except ImportError as error:
-            raise MissingExtraError("rerun-sdk", "log", "writing a .rrd file") from error
         if self.address == SPAWN:
             self.address = started_viewer()
         elif self.address:

@@ -18,7 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.study.campaign.compatibility import Facts, check_same, facts_of
 from rb_dynamics.study.campaign.lock import lock
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 ROWS = 1 << 16
 """Rows per row group of the final file, which bounds the memory needed to write it."""
 
+_NO_ROWS = ", expected the rows of a campaign in Parquet; check the path"
 _METADATA = b"rb_dynamics"
 _ANEW = "give another file with --out, or --overwrite to begin anew"
 _REMOVE = "remove the file, so that its runs are repeated"
@@ -193,7 +194,8 @@ class Store:
         """Yield all rows in order, at most one row group at a time: a block may be a whole campaign."""
         facts = {_METADATA: json.dumps(facts_of(self._campaign))}
         for first, last in self._on_disk():
-            with _readable(self._part(first, last)) as path, self._opened(path) as file:
+            path = self._part(first, last)
+            with _readable(path), self._opened(path) as file:
                 for group in range(file.num_row_groups):
                     yield file.read_row_group(group).replace_schema_metadata(facts)
 
@@ -220,12 +222,8 @@ def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) ->
         LogError: the file cannot be read.
         MissingExtraError: pyarrow is not installed.
     """
-    try:
+    with _readable(path, _NO_ROWS):
         table = _parquet().read_table(path, columns=columns)
-    except (OSError, ValueError) as error:
-        raise LogError(
-            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
-        ) from error
     return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
 
 
@@ -236,16 +234,11 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
         LogError: the file cannot be read.
         MissingExtraError: pyarrow is not installed.
     """
-    try:
-        with _parquet().ParquetFile(path) as file:
-            group = run // ROWS
-            if group >= file.num_row_groups:
-                return None
-            rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
-    except (OSError, ValueError) as error:
-        raise LogError(
-            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign in Parquet; check the path"
-        ) from error
+    with _readable(path, _NO_ROWS), _parquet().ParquetFile(path) as file:
+        group = run // ROWS
+        if group >= file.num_row_groups:
+            return None
+        rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
     return rows[0] if rows else None
 
 
@@ -256,25 +249,15 @@ def read_facts(path: str | os.PathLike[str]) -> Facts:
         LogError: the file cannot be read.
         MissingExtraError: pyarrow is not installed.
     """
-    try:
+    with _readable(path, ", expected the rows of a campaign; give another file with --out"):
         metadata = _parquet().read_schema(path).metadata or {}
         facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
-    except (OSError, ValueError) as error:
-        raise LogError(
-            f"cannot read {path}: {_reason(error)}, expected the rows of a campaign; give another file with --out"
-        ) from error
     return facts
 
 
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".")
-
-
 def _read_json(path: Path) -> Facts:
-    try:
+    with _readable(path, f"; it is damaged, {_ANEW}"):
         facts: Facts = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise LogError(f"cannot read {path}: {_reason(error)}; it is damaged, {_ANEW}") from error
     return facts
 
 
@@ -295,12 +278,12 @@ def _runs_in(parquet: Any, path: Path) -> tuple[int, int, int]:
 
 
 @contextlib.contextmanager
-def _readable(path: Path) -> Iterator[Path]:
-    """Yield the path of a block; reading errors become a `LogError` that names it."""
+def _readable(path: str | os.PathLike[str], rest: str = f"; it is damaged, {_REMOVE}, or {_ANEW}") -> Iterator[None]:
+    """Turn an error in reading a file into a `LogError` that names it; `rest` ends the message."""
     try:
-        yield path
+        yield
     except (OSError, ValueError) as error:
-        raise LogError(f"cannot read {path}: {_reason(error)}; it is damaged, {_REMOVE}, or {_ANEW}") from error
+        raise LogError(f"cannot read {path}: {' '.join(str(error).split()).rstrip('.')}{rest}") from error
 
 
 @contextlib.contextmanager
@@ -328,8 +311,6 @@ def _sync(path: Path) -> None:
 
 
 def _parquet() -> Any:
-    try:
+    with needing("pyarrow", "scale", "a campaign"):
         from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "scale", "a campaign") from None
     return parquet
