@@ -22,25 +22,6 @@ if TYPE_CHECKING:
 _FEW = 1000
 """Commands that tell how fast they come."""
 
-_UNITS = {
-    "position_world": "m",
-    "orientation_xyzw": "",
-    "linear_velocity_world": "m/s",
-    "angular_velocity_body": "rad/s",
-    "angular_momentum_world": "kg m^2/s",
-    "linear_momentum_world": "kg m/s",
-    "kinetic_energy": "J",
-    "work": "J",
-    "potential_energy": "J",
-    "energy_defect": "J",
-    "angular_momentum_defect_world": "kg m^2/s",
-    "linear_momentum_defect_world": "kg m/s",
-    "wheel_speeds": "rad/s",
-    "motor_work": "J",
-    "friction_heat": "J",
-}
-
-
 # Less than this part of the largest is rounding.
 _NOTHING = 1e-9
 
@@ -56,13 +37,15 @@ def as_dict(run: Run, spread: Covariance | None = None) -> dict[str, Any]:
 
 def as_text(run: Run, spread: Covariance | None = None) -> str:
     """Return the final state and the balances as text, and how uncertain the motion is."""
+    from rb_dynamics.run.sample import unit_of
+
     sample = _known(run)
     seconds = sample.pop("time_ns") / 1e9
     steps = f"{run.steps} step{'' if run.steps == 1 else 's'}"
     lines = [f"after {seconds:.9g} s: {steps} of {run.method} in {run.wall_time_s:.3g} s of computing"]
     for name, value in sample.items():
         numbers = value if isinstance(value, tuple) else (value,)
-        lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {_UNITS[name]}".rstrip())
+        lines.append(f"  {name:30}{''.join(f'{number:>18.9g}' for number in numbers)}  {unit_of(name)}".rstrip())
     return "\n".join([*lines, *(_spread_lines(spread) if spread is not None else ())])
 
 

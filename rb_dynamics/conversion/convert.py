@@ -53,6 +53,7 @@ from rb_dynamics.logs.own_log import (
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
 from rb_dynamics.numerics.rotation import rotate
+from rb_dynamics.run.sample import unit_of
 from rb_dynamics.run.sink import RunInfo, Sample
 from rb_dynamics.scene.model import Scene
 
@@ -62,25 +63,6 @@ _NUMBERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 _TIMES = ("time_ns", "time_s")
 _BATCH = 10_000
 _TO_CONVERT = "converted, as nothing says which of its topics are the samples of one body"
-
-# Units of the columns of samples, by the beginning of their names.
-_UNITS = {
-    "time_ns": "ns",
-    "position": "m",
-    "linear_velocity": "m/s",
-    "angular_velocity": "rad/s",
-    "angular_momentum": "kg m^2/s",
-    "linear_momentum": "kg m/s",
-    "kinetic_energy": "J",
-    "work": "J",
-    "energy_defect": "J",
-    "potential_energy": "J",
-    "linear_acceleration": "m/s^2",
-    "angular_acceleration": "rad/s^2",
-    "force": "N",
-    "torque": "N m",
-}
-
 
 _COMMAND_COLUMNS = (
     Column("time_ns", "whole", "ns"),
@@ -238,7 +220,7 @@ def _samples_to_table(
         parts.append((each.path, scene, names))
     wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
     run = [Column("run", "text")] if len(logs) > 1 else []
-    columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=_unit(name)) for name in wide)]
+    columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=unit_of(name)) for name in wide)]
 
     def samples() -> Iterator[Rows]:
         for path, scene, names in parts:
@@ -280,10 +262,6 @@ def _messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
     for block in source.blocks():
         if block.channel.topic in topics:
             yield from block.messages()
-
-
-def _unit(name: str) -> str:
-    return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")
 
 
 def log_to_rerun(

@@ -23,21 +23,12 @@ Prints = NDArray[np.uint64]
 # Of each type that is kept as numbers: which of its fields they are. Covariances are not kept, but for those elements
 # of an Imu that say whether a quantity was measured.
 KEPT = {
-    types.POSE: (2,),
-    types.TWIST: (2,),
-    types.VECTOR: (2,),
-    types.SCALAR: (0,),
-    types.INERTIA: (2,),
-    types.WRENCH: (2,),
-    types.PLAIN_WRENCH: (0,),
-    types.ODOMETRY: (3, 5),
-    types.PLAIN_POSE: (0,),
-    types.PLAIN_TWIST: (0,),
-    types.POSE_WITH_COVARIANCE: (2,),
-    types.TWIST_WITH_COVARIANCE: (2,),
-    types.TRANSFORM: (3,),
-    types.IMU: (2, 3, 5, 6, 8, 9),
-    types.ACCELERATION: (2,),
+    kind: tuple(k for k, field in enumerate(cdr.LAYOUTS[kind]) if isinstance(field, int) and field not in (8, 36))
+    for kind in (
+        *(types.POSE, types.PLAIN_POSE, types.POSE_WITH_COVARIANCE, types.TRANSFORM),
+        *(types.TWIST, types.PLAIN_TWIST, types.TWIST_WITH_COVARIANCE, types.ODOMETRY, types.ACCELERATION, types.IMU),
+        *(types.WRENCH, types.PLAIN_WRENCH, types.VECTOR, types.SCALAR, types.INERTIA),
+    )
 }
 _BATCH = 1024
 

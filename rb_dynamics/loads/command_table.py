@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 
@@ -107,16 +107,9 @@ class CommandBatch(NamedTuple):
 
         number = {name: k for k, name in enumerate(sorted({name for batch in batches for name in batch.frame_ids}))}
         frames = [np.array([number[name] for name in b.frame_ids], dtype=np.int64)[b.frame] for b in batches]
-        return cls(
-            np.concatenate([batch.time_ns for batch in batches]),
-            np.concatenate([batch.stamp_ns for batch in batches]),
-            np.concatenate([batch.channel for batch in batches]),
-            np.concatenate([batch.arrival for batch in batches]),
-            np.concatenate([batch.wrench for batch in batches]),
-            np.concatenate(frames),
-            list(number),
-            Received.joined([batch.received for batch in batches]),
-        )
+        columns: list[Any] = [np.concatenate(parts) for parts in zip(*(batch[:5] for batch in batches), strict=True)]
+        columns += np.concatenate(frames), list(number), Received.joined([batch.received for batch in batches])
+        return cls(*columns)
 
     @classmethod
     def empty(cls) -> CommandBatch:
@@ -128,16 +121,8 @@ class CommandBatch(NamedTuple):
 
     def some(self, rows: Whole | slice) -> CommandBatch:
         """Return the commands in some rows."""
-        return CommandBatch(
-            self.time_ns[rows],
-            self.stamp_ns[rows],
-            self.channel[rows],
-            self.arrival[rows],
-            self.wrench[rows],
-            self.frame[rows],
-            self.frame_ids,
-            self.received.some(rows),
-        )
+        columns: list[Any] = [column[rows] for column in self[:6]]
+        return CommandBatch(*[*columns, self.frame_ids, self.received.some(rows)])
 
 
 class _Listed(NamedTuple):

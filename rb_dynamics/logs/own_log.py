@@ -36,26 +36,22 @@ from rb_dynamics.logs.messages import (
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import UNSAID, opened, parse_scene
 
+
+def _axes(name: str, axes: str = "xyz") -> tuple[str, ...]:
+    return tuple(f"{name}_{axis}" for axis in axes)
+
+
 # The columns of a row, by topic; `odom` and `/tf` say again what pose and twist say.
 COLUMNS: dict[str, tuple[str, ...]] = {
-    "pose": (
-        *(f"position_world_{axis}" for axis in "xyz"),
-        *(f"orientation_{axis}" for axis in "xyzw"),
-    ),
-    "twist": (
-        *(f"linear_velocity_body_{axis}" for axis in "xyz"),
-        *(f"angular_velocity_body_{axis}" for axis in "xyz"),
-    ),
-    "angular_momentum": tuple(f"angular_momentum_world_{axis}" for axis in "xyz"),
-    "linear_momentum": tuple(f"linear_momentum_world_{axis}" for axis in "xyz"),
+    "pose": _axes("position_world") + _axes("orientation", "xyzw"),
+    "twist": _axes("linear_velocity_body") + _axes("angular_velocity_body"),
+    "angular_momentum": _axes("angular_momentum_world"),
+    "linear_momentum": _axes("linear_momentum_world"),
     "energy/kinetic": ("kinetic_energy",),
     "energy/work": ("work",),
     "energy/defect": ("energy_defect",),
     "energy/potential": ("potential_energy",),
-    "accel": (
-        *(f"linear_acceleration_body_{axis}" for axis in "xyz"),
-        *(f"angular_acceleration_body_{axis}" for axis in "xyz"),
-    ),
+    "accel": _axes("linear_acceleration_body") + _axes("angular_acceleration_body"),
 }
 
 # Samples in a block.

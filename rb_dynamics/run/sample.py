@@ -23,6 +23,28 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
+# By the beginning of the names of fields and columns.
+_UNITS = {
+    "time_ns": "ns",
+    "position": "m",
+    "linear_velocity": "m/s",
+    "linear_acceleration": "m/s^2",
+    "linear_momentum": "kg m/s",
+    "angular_velocity": "rad/s",
+    "angular_acceleration": "rad/s^2",
+    "angular_momentum": "kg m^2/s",
+    "wheel_speeds": "rad/s",
+    **dict.fromkeys(
+        ("kinetic_energy", "work", "energy_defect", "potential_energy", "motor_work", "friction_heat"), "J"
+    ),
+}
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a field of `Sample`, or of a column of its numbers; "" if it has none."""
+    return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")
+
+
 @dataclass(frozen=True, slots=True)
 class Sample:
     """State and bookkeeping at one instant; field names are those of `simulate --json`.
