@@ -44,6 +44,8 @@ Bound: TypeAlias = "float | Mapping[str, float]"
 
 # So many samples of the coarser recording in a row without a stamp of both are compared too, by interpolation.
 _RARE = 10
+# A sample without a stamp of both is compared, too, if it differs by more than so many times what interpolation adds.
+_EXPLAINED = 4.0
 # A constant difference is named if what remains without it is this many times smaller.
 _CONSTANT = 10.0
 PARTS = 6
@@ -303,7 +305,12 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
     if not len(times):
         return None
     times = times[_compared(np.isin(times, common))]
+    times = np.union1d(
+        times, np.concatenate([_beyond_interpolation(a, b, begin, end), _beyond_interpolation(b, a, begin, end)])
+    )
     first, second = a.at(times)[0], b.at(times)[0]
+    for signal, rows, others in ((a, first, second), (b, second, first)):
+        _take_worst(signal, times, rows, others)
     size = np.linalg.norm(differences(first, second), axis=1)
     interpolated = ~np.isin(times, common)
     # Bits that differ may be too small for the difference.
@@ -323,6 +330,26 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         fine.interpolation_error() if interpolated.any() else 0.0,
         (a.within(begin, end), b.within(begin, end)),
     )
+
+
+def _beyond_interpolation(signal: Signal, other: Signal, begin_ns: int, end_ns: int) -> Times:
+    """Return the times of samples without a partner that differ by more than interpolation can explain."""
+    times = np.setdiff1d(signal.time_ns[(signal.time_ns >= begin_ns) & (signal.time_ns <= end_ns)], other.time_ns)
+    values, known = other.at(times)
+    times, values = times[known], values[known]
+    size = np.linalg.norm(differences(signal.at(times)[0], values), axis=1)
+    found: Times = times[size > _EXPLAINED * other.interpolation_error()]
+    return found
+
+
+def _take_worst(signal: Signal, times: Times, rows: Array, others: Array) -> None:
+    """Put further samples of a time into `rows` where they differ more from `others` than the first."""
+    for at, again in zip(signal.again_ns.tolist(), signal.again, strict=True):
+        place = int(times.searchsorted(at))
+        if place < len(times) and times[place] == at:
+            both = np.stack([rows[place], again])
+            sizes = np.linalg.norm(differences(both, np.repeat(others[place : place + 1], 2, axis=0)), axis=1)
+            rows[place] = both[sizes.argmax()]
 
 
 def _first(times: Times, marked: NDArray[np.bool_]) -> int | None:

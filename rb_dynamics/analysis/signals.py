@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +33,15 @@ class Signal:
         time_ns: ascending, each time once.
         values: (n, 3) vectors, or (n, 4) unit quaternions xyzw.
         broken: (n - 1,), whether the interval that begins at a sample is a gap.
+        again_ns: times of further rows that contradict the one of their time.
+        again: these rows.
     """
 
     time_ns: Times
     values: Array
     broken: Mask
+    again_ns: Times = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    again: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     @classmethod
     def of(cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = ()) -> Signal:
@@ -45,11 +49,12 @@ class Signal:
 
         Pieces that are `missing` of a recording (first and last ns) are gaps however short they are.
         """
-        times, first = np.unique(time_ns, return_index=True)
+        times, first, place = np.unique(time_ns, return_index=True, return_inverse=True)
+        other = np.flatnonzero((values != values[first[place.reshape(-1)]]).any(axis=1))
         broken = np.diff(times) > longest_usual(times)
         for begin, end in missing:
             broken |= (times[:-1] <= end) & (times[1:] >= begin)
-        return cls(times, values[first], broken)
+        return cls(times, values[first], broken, time_ns[other], values[other])
 
     @property
     def turns(self) -> bool:
@@ -60,11 +65,17 @@ class Signal:
         """Return the samples from `begin_ns` to `end_ns`, both included."""
         first = int(self.time_ns.searchsorted(begin_ns))
         last = max(first, int(self.time_ns.searchsorted(end_ns, "right")))
-        return Signal(self.time_ns[first:last], self.values[first:last], self.broken[first : max(first, last - 1)])
+        broken, again = (
+            self.broken[first : max(first, last - 1)],
+            (self.again_ns >= begin_ns) & (self.again_ns <= end_ns),
+        )
+        return Signal(
+            self.time_ns[first:last], self.values[first:last], broken, self.again_ns[again], self.again[again]
+        )
 
     def later(self, by_ns: int) -> Signal:
         """Return the same with all times moved."""
-        return Signal(self.time_ns + by_ns, self.values, self.broken)
+        return Signal(self.time_ns + by_ns, self.values, self.broken, self.again_ns + by_ns, self.again)
 
     def without_outliers(self) -> Signal:
         """Return the samples without those, alone or up to three in a row, that go far away and come back."""

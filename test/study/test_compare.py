@@ -377,8 +377,33 @@ def test_what_comes_after_the_last_common_stamp_is_compared_too() -> None:
         found = difference("position", "world", one, other)
         assert found is not None
         assert found.size.max() > 0.99
-        assert len(found.time_ns) == 999
-        assert found.interpolated == 499
+        # Each sample of either, as none of the later ones agrees.
+        assert len(found.time_ns) == 1499
+        assert found.interpolated == 999
+
+
+def test_no_sample_that_is_far_off_is_left_out() -> None:
+    """Wrong ones behind right ones of their stamps, and a few whose stamps are 1 ns late, passed every bound."""
+    times = np.arange(1000) * 10_000_000
+    values = np.outer(np.sin(times * 1e-9), (1.0, 0.0, 0.0))
+    good = Signal.of(times, values)
+    for order in (1, -1):
+        both, rows = np.append(times, times[500]), np.vstack([values, values[500] + 2.0])
+        sort = np.argsort(both[::order], kind="stable")
+        twice = Signal.of(both[::order][sort], rows[::order][sort])
+        for a, b in ((good, twice), (twice, good)):
+            found = difference("position", "world", a, b)
+            assert found is not None
+            assert found.max == pytest.approx(2.0 * math.sqrt(3.0))
+            assert (found.first_ns, found.interpolated) == (5_000_000_000, 0)
+    late, wrong = times.copy(), values.copy()
+    late[500:509] += 1
+    assert difference("position", "world", good, Signal.of(late, values)).max == 0.0  # type: ignore[union-attr]
+    wrong[500:509] += 5.0
+    for a, b in ((good, Signal.of(late, wrong)), (Signal.of(late, wrong), good)):
+        found = difference("position", "world", a, b)
+        assert found is not None
+        assert found.max == pytest.approx(5.0 * math.sqrt(3.0), rel=1e-6)
 
 
 def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> None:
