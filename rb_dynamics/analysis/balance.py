@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.impulse import impulse_blocks, wander
 from rb_dynamics.analysis.noise import Noise, judge
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, sizes_of
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, sizes_of
 from rb_dynamics.logs.messages import SET_STATE
-from rb_dynamics.numerics.growing_array import give_back
+from rb_dynamics.numerics.growing_array import give_back, stored
 
 Blocks: TypeAlias = Callable[[], Iterator[Array]]
 """Gives rows in blocks, each time anew: of a long log they take as much memory as the log."""
@@ -113,7 +113,7 @@ def _energy(track: Track) -> Balance | None:
     kinetic, logged, work = track.kinetic_energy, track.energy_defect, track.work
     if logged is not None and len(logged.time_ns):
         defects = logged.values
-        sizes = [_largest(series) for series in (kinetic, work) if series is not None]
+        sizes = [largest(series.values) for series in (kinetic, work) if series is not None]
         basis = "T − T₀ − W, with the work W of everything that acted as the run itself counted it"
         return Balance(
             "energy", "J", logged.time_ns, lambda: in_blocks(defects), 1.0, float(max(sizes, default=0.0)), basis
@@ -124,7 +124,7 @@ def _energy(track: Track) -> Balance | None:
     for kind in ("force", "torque"):
         idle &= np.concatenate([part.idle for part in impulse_blocks(track, kind, kinetic.time_ns)])
     energies = kinetic.values
-    blocks, covered, noise = _from_start(lambda: in_blocks(energies), idle, kinetic.time_ns, track.own)
+    blocks, covered, noise = _from_start(lambda: in_blocks(energies), 1, idle, kinetic.time_ns, track.own)
     scale = float(kinetic.values.max(initial=0.0))
     basis = _basis("drift of T while no wrench acts", covered, "the recording does not say what work a wrench does")
     return Balance("energy", "J", kinetic.time_ns, blocks, covered, scale, basis, noise)
@@ -136,16 +136,16 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     time_ns, count = series.time_ns, len(series.time_ns)
     # What is zero throughout takes no memory.
     error, idle = np.zeros(count), np.ones(count, dtype=bool)
-    largest, sums, first = _largest(series), np.zeros((1, 3)), 0
+    peak, sums, first = largest(series.values), np.zeros((1, 3)), 0
     for part in impulse_blocks(track, kind, time_ns):
         sums = np.cumsum(np.concatenate([sums[-1:], part.exact]), axis=0)
-        largest = max(largest, float(sizes_of(sums).max()))
+        peak = max(peak, float(sizes_of(sums).max()))
         rows = slice(first, first + len(part.error))
         first = rows.stop
         idle[rows] = part.idle
         if part.error.any():
             error[rows] = part.error
-    scale = max(largest, _moved(track) if name == "linear momentum" else 0.0)
+    scale = max(peak, _moved(track) if name == "linear momentum" else 0.0)
     good = _smallest(error, accepted * scale)
     moved = _moved_by_others(track, time_ns)
     good &= ~moved
@@ -168,18 +168,13 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
 
     by_quadrature = float(error[good].sum())
     measured = _measured(bool(idle[good].all()), kind, by_quadrature, unit)
-    steps = None if track.own else wander(track, np.concatenate([turned for _, turned in turning()]), time_ns)
-    blocks, covered, noise = _from_start(left, good, time_ns, track.own, steps)
+    steps = None if track.own else wander(track, (turned for _, turned in turning()), time_ns)
+    blocks, covered, noise = _from_start(left, 3, good, time_ns, track.own, steps)
     rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
     if moved.any():
         rest += ", or the body was moved from outside (set_state)"
     basis = _basis(measured, covered, rest)
     return Balance(name, unit, time_ns, blocks, covered, scale, basis, noise)
-
-
-def _largest(series: TimeSeries) -> float:
-    """Return the largest size of a row, 0 for none."""
-    return max((float(sizes_of(rows).max()) for rows in in_blocks(series.values)), default=0.0)
 
 
 def _smallest(errors: Array, accepted: float) -> NDArray[np.bool_]:
@@ -220,7 +215,8 @@ def _moved(track: Track) -> float:
     """Return the momentum of the parts from which p is computed here; if they cancel, p itself is round-off."""
     if track.momenta_from == "the log" or track.body is None or track.twist is None:
         return 0.0
-    velocity, omega = (np.linalg.norm(part, axis=1).max(initial=0.0) for part in np.hsplit(track.twist.values, 2))
+    parts = (slice(0, 3), slice(3, 6))
+    velocity, omega = (largest(track.twist.values[:, part]) for part in parts)
     return float(track.body.mass * (velocity + omega * np.linalg.norm(track.body.center_of_mass)))
 
 
@@ -233,11 +229,12 @@ def _basis(what: str, covered: float, rest: str) -> str:
 
 
 def _from_start(
-    values: Blocks, good: NDArray[np.bool_], time_ns: Times, own: bool, steps: Array | None = None
+    values: Blocks, columns: int, good: NDArray[np.bool_], time_ns: Times, own: bool, steps: Array | None = None
 ) -> tuple[Blocks, float, Noise | None]:
-    """Return `values` relative to the start of their stretch of valid intervals, and the fraction of the time covered.
+    """Return `values`, in rows of `columns`, relative to the start of their stretch of valid intervals.
 
-    The last result is their noise, and whether they change by more; None for a log of this package.
+    The other results are the fraction of the time covered, and the noise of the values, and whether they change by
+    more; None for a log of this package.
     """
     good = good.copy()
     good[0] = False
@@ -261,6 +258,11 @@ def _from_start(
     if own:
         return blocks, covered, None
     starts = np.maximum.accumulate(np.where(good, 0, np.arange(len(good))))[known]
-    defect = np.concatenate([*blocks()])[known]
-    rows = defect if defect.ndim == 2 else defect[:, None]
-    return blocks, covered, judge(rows, starts, None if steps is None else steps[known])
+
+    def judged() -> Iterator[Array]:
+        first = 0
+        for rows in blocks():
+            yield rows[known[first : first + len(rows)]]
+            first += len(rows)
+
+    return blocks, covered, judge(stored(judged(), columns), starts, None if steps is None else steps[known])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
 
@@ -105,26 +105,38 @@ def continuity(track: Track) -> Continuity | None:
     pose = track.pose
     if track.own or pose is None or len(pose.time_ns) <= 2 * _AROUND + 1:
         return None
-    turned = np.linalg.norm(rotation_vectors(unit_rows(pose.values[:, 3:])), axis=1)
-    position = pose.values[:, :3]
-    moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    extent = float(np.linalg.norm(np.ptp(position, axis=0)))
-    rounding = 100.0 * np.finfo(float).eps * float(np.abs(position).max())
+    ends = np.array([[each(rows[:, :3], axis=0) for each in (np.min, np.max)] for rows in in_blocks(pose.values)])
+    extent = float(np.linalg.norm(ends[:, 1].max(axis=0) - ends[:, 0].min(axis=0)))
+    rounding = 100.0 * np.finfo(float).eps * float(np.abs(ends).max())
+    turned = _changes(pose, turns=True)
     found = _jumps(track, pose.time_ns, turned, _LEAST_TURN, turns=True)
-    placed = not np.isnan(extent)
-    if placed:
-        found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
     turning = turned[turned > 0.0]
     turn = float(np.median(turning)) if len(turning) else 0.0
-    attitude = unit_rows(pose.values[:, 3:])
+    del turned, turning
+    placed = not np.isnan(extent)
+    if placed:
+        moved = _changes(pose, turns=False)
+        found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
+        del moved
     # A body that turns by half a turn between two samples comes back, too.
-    returns = _returns(track, pose.time_ns, position, turns=False) if placed and turn < FARTHEST else None
+    returns = _returns(pose, track.twist, turns=False) if placed and turn < FARTHEST else None
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
         turn=turn,
-        returns=returns or _returns(track, pose.time_ns, attitude, turns=True),
+        returns=returns or _returns(pose, track.twist, turns=True),
         others=_others(track, extent if placed else 0.0),
         frozen=_frozen(track, found),
+    )
+
+
+def _changes(pose: TimeSeries, *, turns: bool) -> Array:
+    """Return the rotation (rad) or the distance (m) from each sample to the next."""
+    blocks = in_blocks(pose.values, 1)
+    return np.concatenate(
+        [
+            np.linalg.norm(rotation_vectors(unit_rows(rows[:, 3:])) if turns else np.diff(rows[:, :3], axis=0), axis=1)
+            for rows in blocks
+        ]
     )
 
 
@@ -135,7 +147,8 @@ def _frozen(track: Track, jumps: Sequence[Jump]) -> tuple[tuple[int, int], ...]:
     """
     pose, twist = track.pose, track.twist
     assert pose is not None
-    ends = np.flatnonzero((np.diff(pose.values, axis=0) != 0.0).any(axis=1))
+    changed = [(np.diff(rows, axis=0) != 0.0).any(axis=1) for rows in in_blocks(pose.values, 1)]
+    ends = np.flatnonzero(np.concatenate(changed))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(pose.values) - 1)
     lengths = pose.time_ns[ends] - pose.time_ns[begins]
     usual = float(np.median(np.diff(pose.time_ns[begins]))) if len(begins) > 1 else np.inf
@@ -169,24 +182,30 @@ def _apart(one: Array, other: Array, *, turns: bool) -> Array:
     return angle
 
 
-def _returns(track: Track, time_ns: Times, rows: Array, *, turns: bool) -> Returns | None:
+def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Returns | None:
     """Return how often, and from how far, a pose returns to one of its last places.
 
     None if that is seldom, or if the twist explains it. With noise about one place, at most 25 % of the samples return
     as near.
     """
-    here = rows[_LAST:]
-    moved = _apart(here, rows[_LAST - 1 : -1], turns=turns)
-    back = np.min([_apart(here, rows[_LAST - k : -k], turns=turns) for k in range(2, _LAST + 1)], axis=0)
-    least = np.full(len(moved), _LEAST_TURN if turns else 0.0)
-    if track.twist is not None and len(track.twist.time_ns):
+    sizes, start = [np.empty(0)], pose.time_ns[0]
+    if known := twist is not None and len(twist.time_ns) > 0:
         part = slice(3, 6) if turns else slice(0, 3)
-        rates = np.nan_to_num(np.linalg.norm(track.twist.values[:, part], axis=1))
-        told = np.interp(time_ns[_LAST:] - time_ns[0], track.twist.time_ns - time_ns[0], rates)
-        least = np.maximum(least, _TIMES * told * np.diff(time_ns)[_LAST - 1 :] * 1e-9)
-    home = (moved > least) & (back < _NEAR * moved)
-    share = float(home.mean()) if len(home) else 0.0
-    return Returns(turns, share, float(np.median(moved[home]))) if share > _RETURNS else None
+        rates = np.nan_to_num(sizes_of(twist.values[:, part]))
+        at = (twist.time_ns - start).astype(np.float64)
+    for time_ns, values in zip(in_blocks(pose.time_ns, _LAST), in_blocks(pose.values, _LAST), strict=True):
+        rows = unit_rows(values[:, 3:]) if turns else values[:, :3]
+        here = rows[_LAST:]
+        moved = _apart(here, rows[_LAST - 1 : -1], turns=turns)
+        back = np.min([_apart(here, rows[_LAST - k : -k], turns=turns) for k in range(2, _LAST + 1)], axis=0)
+        least = np.full(len(moved), _LEAST_TURN if turns else 0.0)
+        if known:
+            told = np.interp(time_ns[_LAST:] - start, at, rates)
+            least = np.maximum(least, _TIMES * told * np.diff(time_ns)[_LAST - 1 :] * 1e-9)
+        sizes.append(moved[(moved > least) & (back < _NEAR * moved)])
+    returned = np.concatenate(sizes)
+    share = len(returned) / max(len(pose.time_ns) - _LAST, 1)
+    return Returns(turns, share, float(np.median(returned))) if share > _RETURNS else None
 
 
 def _others(track: Track, extent: float) -> tuple[Other, ...]:
@@ -256,11 +275,11 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
 
 def _around(rates: Array) -> Array:
     """Return for each the larger of the medians of its neighbours before and after; 0 if there are none."""
-    padded = np.pad(rates, _AROUND, constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, _AROUND)
-    middle = np.full(len(windows), 0.0)
-    some = np.isfinite(windows).any(axis=1)
-    middle[some] = np.nanmedian(windows[some], axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(rates, _AROUND, constant_values=np.nan), _AROUND)
+    middle = np.zeros(len(windows))
+    for part in parts(len(windows)):
+        some = np.isfinite(windows[part]).any(axis=1)
+        middle[part][some] = np.nanmedian(windows[part][some], axis=1)
     result: Array = np.maximum(middle[: len(rates)], middle[_AROUND + 1 :])
     return result
 

@@ -8,7 +8,7 @@ impulse.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -16,8 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.noise import typical
-from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, unit_rows
+from rb_dynamics.analysis.noise import noise_of_path
+from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track, parts, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
@@ -54,14 +54,11 @@ class _Attitude:
     angular_velocity: Array
 
 
-def impulses(track: Track, kind: str, time_ns: Times) -> Impulse:
-    """Return the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`."""
-    blocks = [*impulse_blocks(track, kind, time_ns)]
-    return Impulse(*(np.concatenate([getattr(part, name) for part in blocks]) for name in Impulse.__annotations__))
-
-
 def impulse_blocks(track: Track, kind: str, time_ns: Times) -> Iterator[Impulse]:
-    """Yield the same in blocks of samples: of a long log it needs more memory than the log."""
+    """Yield the impulse of every "force" or "torque" (`kind`) of `track` between the samples at `time_ns`, in blocks.
+
+    That of all samples of a long log needs more memory than the log.
+    """
     acting, count = track.acting, len(time_ns)
     blocks = [slice(first, first + _BLOCK + 1) for first in range(0, max(count - 1, 1), _BLOCK)]
     known = all(_rows(track, time_ns[block]) for block in blocks) if _turns(acting, kind) else False
@@ -75,17 +72,25 @@ def impulse_blocks(track: Track, kind: str, time_ns: Times) -> Iterator[Impulse]
                 give_back(series.values)
 
 
-def wander(track: Track, turning: Array, time_ns: Times) -> Array:
+def wander(track: Track, turning: Iterable[Array], time_ns: Times) -> Array:
     """Return the variance that the noise of the attitude gives to `turning`, see `Impulse`, in each interval, (n,).
 
     Each error turns the impulse of about one interval, and stays in the sum of all.
     """
-    if track.pose is None or not (rows := _rows(track, time_ns)):
+    squares = np.concatenate([np.sum(block**2, axis=1) for block in turning])
+    # Where nothing turns with the body, it need not be known how well its attitude is.
+    if track.pose is None or not squares.any() or not (rows := _rows(track, time_ns)):
         return np.zeros(len(time_ns))
-    turned = np.cumsum(rotation_vectors(unit_rows(track.pose.values[rows[0], 3:])), axis=0)
-    angle = typical(turned, np.zeros(len(turned), dtype=np.int_))
-    result: Array = angle**2 * np.sum(turning**2, axis=1)
+    values, at = track.pose.values, rows[0]
+    turned = (rotation_vectors(unit_rows(values[at[block], 3:])) for block in _ends(len(at)))
+    result: Array = noise_of_path(turned, np.empty((0, 3))) ** 2 * squares
+    give_back(values)
     return result
+
+
+def _ends(count: int) -> Iterator[slice]:
+    """Yield the rows at the ends of the intervals between `count`, in blocks."""
+    return (slice(part.start, part.stop + 1) for part in parts(count - 1))
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,14 @@ taken for means of ever longer blocks: longer blocks reveal smaller changes, sho
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import Array
+from rb_dynamics.analysis.track import Array, in_blocks, parts
+from rb_dynamics.numerics.growing_array import give_back, stored
 
 Labels = NDArray[np.int_]
 
@@ -81,40 +83,77 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
 
 def _wander(steps: Array, stretch: Labels) -> float:
     """Return the sum of squares about the means of the stretches that is expected of a random walk of these steps."""
-    _, begins, number, count = np.unique(stretch, return_index=True, return_inverse=True, return_counts=True)
-    before = np.arange(len(stretch)) - begins[number]
-    return float(np.sum(steps * before * (1.0 - before / count[number])))
+    begins = _begins(stretch)
+    count = np.diff(begins, append=len(stretch))
+    before = np.arange(len(stretch)) - np.repeat(begins, count)
+    return float(np.sum(steps * before * (1.0 - before / np.repeat(count, count))))
+
+
+def _begins(stretch: Labels) -> NDArray[np.intp]:
+    """Return the first row of each stretch."""
+    return np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
 
 
 def typical(values: Array, stretch: Labels) -> float:
     """Return the median magnitude of the noise of a row, which short changes do not affect; 0 for too few."""
-    third = _thirds(values, stretch)
-    return float(np.median(np.linalg.norm(third, axis=1)) / np.sqrt(_THIRD)) if len(third) else 0.0
+    blocks = zip(in_blocks(values, 3), in_blocks(stretch, 3), strict=True)
+    return _typical([np.linalg.norm(_thirds(rows, labels), axis=1) for rows, labels in blocks])
 
 
-def _thirds(values: Array, stretch: Labels) -> Array:
+def noise_of_path(steps: Iterable[Array], begin: Array) -> float:
+    """Return the same of the sums of the steps, (k, 3) in each block, from `begin` on, (0, 3) or (1, 3)."""
+    before, last = np.empty((0, 3)), begin
+    sizes: list[Array] = []
+    for block in steps:
+        path = np.concatenate([before, np.cumsum(np.concatenate([last, block]), axis=0)])
+        sizes.append(np.linalg.norm(_thirds(path), axis=1))
+        before, last = path[-3:-1], path[-1:]
+    return _typical(sizes)
+
+
+def _typical(sizes: Sequence[Array]) -> float:
+    """Return the median of sizes of third differences, of one value; 0 for none."""
+    whole = np.concatenate([np.empty(0), *sizes])
+    return float(np.median(whole, overwrite_input=True) / np.sqrt(_THIRD)) if len(whole) else 0.0
+
+
+def _thirds(values: Array, stretch: Labels | None = None) -> Array:
     """Return the third differences within stretches."""
     third: Array = values[3:] - 3.0 * values[2:-1] + 3.0 * values[1:-2] - values[:-3]
-    within: Array = third[stretch[3:] == stretch[:-3]]
+    within: Array = third if stretch is None else third[stretch[3:] == stretch[:-3]]
     return within
 
 
 def means(values: Array, stretch: Labels, size: int) -> tuple[Array, Labels]:
     """Return the mean of each block of `size` rows within a stretch, and its stretch; drops incomplete blocks."""
-    begins = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+    begins = _begins(stretch)
     lengths = np.diff(begins, append=len(stretch)) // size
     firsts = (
         np.repeat(begins - size * np.concatenate([[0], np.cumsum(lengths)[:-1]]), lengths) if len(begins) else begins
     )
-    rows = (firsts + size * np.arange(len(firsts)))[:, None] + np.arange(size)
-    mean: Array = values[rows].mean(axis=1)
-    return mean, np.repeat(stretch[begins], lengths)
+    firsts += size * np.arange(len(firsts))
+
+    def blocks() -> Iterator[Array]:
+        for part in parts(len(firsts) * size, size):
+            rows = firsts[part.start // size : part.stop // size, None] + np.arange(size)
+            yield values[rows].mean(axis=1)
+            give_back(values)
+
+    return stored(blocks(), values.shape[1] if values.ndim > 1 else 0), np.repeat(stretch[begins], lengths)
 
 
 def centred(values: Array, stretch: Labels) -> Array:
-    """Return `values` minus the mean of their stretch."""
-    _, number, count = np.unique(stretch, return_inverse=True, return_counts=True)
-    flat = values.reshape(len(values), -1)
-    sums = np.stack([np.bincount(number, column, len(count)) for column in flat.T], axis=1)
-    result: Array = (flat - (sums / count[:, None])[number]).reshape(values.shape)
-    return result
+    """Return `values`, (n, c), minus the mean of their stretch."""
+    begins = _begins(stretch)
+    count = np.diff(begins, append=len(stretch))
+    number = np.repeat(np.arange(len(begins)), count)
+    sums = np.zeros((len(begins), values.shape[1]))
+    for labels, rows in zip(in_blocks(number), in_blocks(values), strict=True):
+        # Those of the block before come first, as if all were added up at once.
+        here = slice(int(labels[0]), int(labels[-1]) + 1)
+        within = np.append(0, labels - labels[0])
+        for total, column in zip(sums.T, rows.T, strict=True):
+            total[here] = np.bincount(within, np.append(total[here.start], column))
+    mean = sums / count[:, None]
+    blocks = zip(in_blocks(number), in_blocks(values), strict=True)
+    return stored((rows - mean[labels] for labels, rows in blocks), values.shape[1])

@@ -25,6 +25,7 @@ from rb_dynamics.analysis.track import (
     TimeSeries,
     Track,
     in_blocks,
+    motion_of,
     shared,
     sizes_of,
     unit_rows,
@@ -191,7 +192,7 @@ def _add_errors(
     bounds = [*pose.time_ns[::_BLOCK].tolist(), np.iinfo(np.int64).max]
     for begin, end in itertools.pairwise(bounds):
         one, other = (_within(series, begin, end) for series in (pose, twist))
-        computed = momenta(one, other, track.twist_in_world, body)
+        computed = momenta(motion_of(one, other, track.twist_in_world), body)
         for kind, (series, errors) in logged.items():
             part = _within(series, begin, end)
             times, here, there = shared(part.time_ns, computed.time_ns)

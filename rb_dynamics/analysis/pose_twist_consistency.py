@@ -9,7 +9,7 @@ opposite sign, degrees and other quaternions are tried as explanations. A lag, a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.noise import typical
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.noise import noise_of_path
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
+from rb_dynamics.numerics.growing_array import give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
 # A difference larger than this fraction of either change is a contradiction.
@@ -152,15 +153,15 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     turns.remove(TwistReading(not given.world, -1.0))
     turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
     moves = [TwistReading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
-    far = float((np.linalg.norm(both.twist[:, 3:], axis=1) > _AROUND).mean()) > 0.5
-    if float((np.linalg.norm(both.turned, axis=1) > _FARTHEST).mean()) > 0.5:
+    far = float((sizes_of(both.twist[:, 3:]) > _AROUND).mean()) > 0.5
+    if float((sizes_of(both.turned) > _FARTHEST).mean()) > 0.5:
         reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
     attitude = _with_alignment(_judged("attitude", both, turns), both, pose, twist, turns)
     if far and attitude.error is not None and not attitude.remedy:
         attitude = Agreement("attitude", None, reason=f"between two poses the twist turns by more than {_AROUND:g} rad")
-    if np.isnan(both.pose[:, :3]).any() or np.isnan(both.twist[:, :3]).any():
-        lacks = pose.topic if np.isnan(both.pose[:, :3]).any() else twist.topic
+    lacking = (series.topic for series in (pose, twist) if _lacks_position(series))
+    if lacks := next(lacking, ""):
         return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
     return attitude, _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
 
@@ -173,7 +174,7 @@ def _with_alignment(
         return found
     given, part = readings[0], slice(3, 6) if found.of == "attitude" else slice(0, 3)
     rows, said = both.increments(found.of, given.world, twist), twist.values[:, part]
-    turn = float(np.median(np.linalg.norm(both.turned, axis=1)))
+    turn = float(np.median(sizes_of(both.turned)))
     aligned = fit_of_twist(both.time_ns, rows, twist.time_ns, said, turn)
     if not aligned.words:
         return found
@@ -220,89 +221,141 @@ class _Both:
     pose: Array
     twist: Array
     turned: Array
-    stretch: NDArray[np.int_]
+    stretch: NDArray[np.int32]
 
     @staticmethod
     def of(pose: TimeSeries, twist: TimeSeries) -> _Both | None:
         start = twist.time_ns[0]
         within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
         within[1:] &= np.diff(pose.time_ns) > 0
-        time_ns = pose.time_ns[within]
+        time_ns = pose.time_ns if within.all() else pose.time_ns[within]
         if len(time_ns) < 2 * _LEAST_WINDOWS:
             return None
-        rows = np.hstack([pose.values[within, :3], unit_rows(pose.values[within, 3:])])
-        at, wanted = (twist.time_ns - start) * 1e-9, (time_ns - start) * 1e-9
-        steps = np.diff(at)[:, None]
-        sums = np.concatenate(
-            [np.zeros((1, 6)), np.cumsum(0.5 * steps * (twist.values[1:] + twist.values[:-1]), axis=0)]
-        )
-        added = np.diff(np.stack([np.interp(wanted, at, column) for column in sums.T], axis=1), axis=0)
-        turned = rotate_all(rows[:-1, 3:], rotation_vectors(rows[:, 3:]))
-        holes = np.flatnonzero(np.diff(twist.time_ns) > longest_usual(twist.time_ns))
-        ends, begins = twist.time_ns[holes], twist.time_ns[holes + 1]
-        broken = np.searchsorted(ends, time_ns[1:], side="left") > np.searchsorted(begins, time_ns[:-1], side="right")
-        broken |= np.diff(time_ns) > longest_usual(time_ns)
-        broken |= np.linalg.norm(turned, axis=1) > _FARTHEST
-        return _Both(time_ns, rows, added, turned, np.where(broken, -1, np.cumsum(broken)))
+        kept = (values[each] for values, each in zip(in_blocks(pose.values), in_blocks(within), strict=True))
+        rows = stored((np.hstack([values[:, :3], unit_rows(values[:, 3:])]) for values in kept), 7)
+        turned = stored((rotate_all(part[:-1, 3:], rotation_vectors(part[:, 3:])) for part in in_blocks(rows, 1)), 3)
+        broken = _across_gaps(time_ns, twist.time_ns)
+        broken |= sizes_of(turned) > _FARTHEST
+        stretch = np.where(broken, -1, np.cumsum(broken, dtype=np.int32)).astype(np.int32, copy=False)
+        return _Both(time_ns, rows, _integrals(twist, time_ns), turned, stretch)
 
     def increments(self, of: str, world: bool, twist: TimeSeries) -> Array:
         """Return the change in each interval in the axes of the twist, NaN where it is not judged."""
-        attitude = self.pose[:, 3:]
+        return stored((self._increments(of, world, twist, part) for part in self.rows()), 3)
+
+    def _increments(self, of: str, world: bool, twist: TimeSeries, part: slice) -> Array:
+        ends = slice(part.start, part.stop + 1)
+        attitude = self.pose[ends, 3:]
         if of == "attitude":
-            at = (twist.time_ns - self.time_ns[0]) * 1e-9
-            since = (self.time_ns - self.time_ns[0]) * 1e-9
-            rates = np.stack([np.interp(since, at, column) for column in twist.values[:, 3:].T], axis=1)
+            start, times = self.time_ns[0], self.time_ns[ends]
+            since, near = (times - start) * 1e-9, _about(times, twist.time_ns)
+            at = (twist.time_ns[near] - start) * 1e-9
+            rates = np.stack([np.interp(since, at, column) for column in twist.values[near, 3:].T], axis=1)
             # An integral of rates is not a rotation if their axis turns (Bortz, IEEE Trans. AES-7 (1971) 61).
             cone = np.diff(since)[:, None] ** 2 / 12.0 * np.cross(rates[:-1], rates[1:])
-            result = self.turned + cone if world else rotation_vectors(attitude) - cone
+            result = self.turned[part] + cone if world else rotation_vectors(attitude) - cone
+            give_back(twist.values)
         else:
-            result = self.changes(of)
+            result = self.changes(of, part)
             if not world:
-                ends = rotate_all_inverse(attitude[:-1], result), rotate_all_inverse(attitude[1:], result)
-                result = 0.5 * (ends[0] + ends[1])
-        return np.where(self.stretch[:, None] >= 0, result, np.nan)
+                turned = rotate_all_inverse(attitude[:-1], result), rotate_all_inverse(attitude[1:], result)
+                result = 0.5 * (turned[0] + turned[1])
+        return np.where(self.stretch[part, None] >= 0, result, np.nan)
 
-    def changes(self, of: str) -> Array:
-        """Return the change of attitude or position in each interval, world axes."""
-        return self.turned if of == "attitude" else np.diff(self.pose[:, :3], axis=0)
+    def changes(self, of: str, part: slice, reading: str = "") -> Array:
+        """Return the change of attitude or position in some intervals, world axes; see `TwistReading.attitude`."""
+        if of == "position":
+            return np.diff(self.pose[part.start : part.stop + 1, :3], axis=0)
+        if not reading:
+            return self.turned[part]
+        turns = self.attitudes(part, reading)
+        return rotate_all(turns[:-1], rotation_vectors(turns))
 
-    def taken(self, attitude: str) -> _Both:
-        """Return the same with other attitudes; see `TwistReading`."""
-        if not attitude:
-            return self
-        order = np.array(_QUATERNIONS[attitude])
-        turns = self.pose[:, 3:][:, np.abs(order) - 1] * np.sign(order)
-        pose = np.hstack([self.pose[:, :3], turns])
-        return replace(self, pose=pose, turned=rotate_all(turns[:-1], rotation_vectors(turns)))
+    def attitudes(self, part: slice, reading: str) -> Array:
+        """Return the attitudes at the ends of some intervals; see `TwistReading.attitude`."""
+        order = np.array(_QUATERNIONS[reading])
+        turns: Array = self.pose[part.start : part.stop + 1, 3:][:, np.abs(order) - 1] * np.sign(order)
+        return turns
 
-    def said(self, part: slice, reading: TwistReading) -> Array:
-        """Return the integral of a part of the twist over each interval, world axes."""
-        added = reading.factor * self.twist[:, part][:, np.abs(reading.axes) - 1] * np.sign(reading.axes)
+    def said(self, columns: slice, reading: TwistReading, part: slice) -> Array:
+        """Return the integral of some columns of the twist over each of some intervals, world axes."""
+        added = self.twist[part, columns][:, np.abs(reading.axes) - 1] * np.sign(reading.axes) * reading.factor
         if reading.world:
             return added
-        attitude = self.pose[:, 3:]
+        attitude = self.attitudes(part, reading.attitude)
         turned: Array = 0.5 * (rotate_all(attitude[:-1], added) + rotate_all(attitude[1:], added))
         return turned
+
+    def rows(self) -> Iterator[slice]:
+        """Yield the intervals in blocks."""
+        for part in parts(len(self.stretch)):
+            yield part
+            for values in (self.pose, self.twist, self.turned):
+                give_back(values)
+
+
+def _lacks_position(series: TimeSeries) -> bool:
+    return any(bool(np.isnan(rows[:, :3]).any()) for rows in in_blocks(series.values))
+
+
+def _about(times: Times, time_ns: Times) -> slice:
+    """Return the rows at `time_ns` between which `times`, which ascend, lie."""
+    first, last = np.searchsorted(time_ns, times[[0, -1]], side="right")
+    return slice(max(int(first) - 1, 0), int(last) + 1)
+
+
+def _integrals(twist: TimeSeries, time_ns: Times) -> Array:
+    """Return the integral of a twist over each interval, (n - 1, 6)."""
+    start = twist.time_ns[0]
+
+    def added() -> Iterator[Array]:
+        yield (last := np.zeros((1, 6)))
+        for times, values in zip(in_blocks(twist.time_ns, 1), in_blocks(twist.values, 1), strict=True):
+            steps = np.diff((times - start) * 1e-9)[:, None]
+            sums = np.cumsum(np.concatenate([last, 0.5 * steps * (values[1:] + values[:-1])]), axis=0)
+            last = sums[-1:]
+            yield sums[1:]
+
+    def apart() -> Iterator[Array]:
+        for times in in_blocks(time_ns, 1):
+            near = _about(times, twist.time_ns)
+            at, wanted = ((each - start) * 1e-9 for each in (twist.time_ns[near], times))
+            yield np.diff(np.stack([np.interp(wanted, at, column) for column in sums[near].T], axis=1), axis=0)
+            give_back(sums)
+
+    sums = stored(added(), 6)
+    return stored(apart(), 6)
+
+
+def _across_gaps(time_ns: Times, twist_ns: Times) -> NDArray[np.bool_]:
+    """Return which intervals are gaps of the pose, or lie across one of the twist."""
+    holes = np.flatnonzero(np.diff(twist_ns) > longest_usual(twist_ns))
+    ends, begins = twist_ns[holes], twist_ns[holes + 1]
+    usual = longest_usual(time_ns)
+    found = [
+        (np.searchsorted(ends, times[1:], side="left") > np.searchsorted(begins, times[:-1], side="right"))
+        | (np.diff(times) > usual)
+        for times in in_blocks(time_ns, 1)
+    ]
+    return np.concatenate(found)
 
 
 def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
-    gone, part = both.changes(of), slice(3, 6) if of == "attitude" else slice(0, 3)
-    least = _LEAST_TURN if of == "attitude" else 1e-9 * float(np.abs(both.pose[:, :3]).max())
-    path = np.concatenate([np.zeros((1, 3)), np.cumsum(gone, axis=0)])
-    floor = max(least, _ABOVE_NOISE * typical(path, np.zeros(len(path), dtype=np.int_)))
+    columns = slice(3, 6) if of == "attitude" else slice(0, 3)
+    least = _LEAST_TURN if of == "attitude" else 1e-9 * _farthest(both.pose[:, :3])
+    floor = max(least, _ABOVE_NOISE * noise_of_path((both.changes(of, part) for part in both.rows()), np.zeros((1, 3))))
     given, *others = readings
 
     def compared(reading: TwistReading) -> _Found | None:
-        taken = both.taken(reading.attitude)
-        return _windows(taken, taken.changes(of), taken.said(part, reading), floor)
+        return _windows(both, of, columns, reading, floor)
 
     found = compared(given)
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
     error, speed, count, window_s, beyond, odd, when_ns = found
-    if not both.twist[:, part].any():
+    if not any(bool(rows.any()) for rows in in_blocks(both.twist[:, columns])):
         return Agreement(of, error, window_s, count, True, nothing=True)
     remedy, remaining = "", 0.0
     if error > _CONTRADICTS:
@@ -322,6 +375,10 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
 
 
+def _farthest(positions: Array) -> float:
+    return max(float(np.abs(rows).max()) for rows in in_blocks(positions))
+
+
 def _remedy(
     given: TwistReading, others: list[TwistReading], compared: Callable[[TwistReading], _Found | None], accepted: float
 ) -> tuple[str, float]:
@@ -334,25 +391,16 @@ def _remedy(
     return first.words(given), error
 
 
-def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | None:
+def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor: float) -> _Found | None:
     """Return how they differ; None for too few windows.
 
     The shortest of 1 s, 10 s, ... in which the body moves far enough; from 0.1 s on of a short recording.
     """
-    since = both.time_ns[:-1] - both.time_ns[0]
-    apart = np.diff(both.time_ns)
-    judged = both.stretch >= 0
-    whole = int(since[-1] + apart[-1])
+    whole = int(both.time_ns[-1] - both.time_ns[0])
     length = _SECOND if whole >= _SECOND * _LEAST_WINDOWS else _SHORTER
     while length * _LEAST_WINDOWS <= max(whole, _SHORTER * _LEAST_WINDOWS):
-        windows, label = np.unique(np.stack([both.stretch, since // length]), axis=1, return_inverse=True)
-        label = label.ravel()
-
-        def total(values: Array, label: NDArray[np.intp] = label) -> Array:
-            return np.stack([np.bincount(label, column * judged) for column in values.T], axis=1)
-
-        seconds = np.bincount(label, apart * judged) * 1e-9
-        did, told = total(gone), total(said)
+        window, sums = _sums(both, of, columns, reading, length)
+        seconds, did, told = sums[:, 0] * 1e-9, sums[:, 1:4], sums[:, 4:7]
         size = np.maximum(np.linalg.norm(did, axis=1), np.linalg.norm(told, axis=1))
         error = np.linalg.norm(did - told, axis=1)
         kept = (size > floor) & (seconds >= 0.5e-9 * length)
@@ -360,13 +408,39 @@ def _windows(both: _Both, gone: Array, said: Array, floor: float) -> _Found | No
             ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
             limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
             beyond = (ratio > limit) & (speed > _SENSORS)
-            begins = np.sort(both.time_ns[0] + windows[1, kept][beyond] * length)
+            begins = np.sort(both.time_ns[0] + window[kept][beyond] * length)
             far = (ratio > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
             middle = float(np.median(ratio)), float(np.median(speed))
             share, when = float(beyond.mean()), _spans(begins, length)
             return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(far.any()), when)
         length *= 10
     return None
+
+
+def _sums(both: _Both, of: str, columns: slice, reading: TwistReading, length: int) -> tuple[Times, Array]:
+    """Return the number of each window of a stretch, and sums in it: its ns, the change, and what the twist says."""
+    numbers: list[Times] = [np.empty(0, np.int64)]
+    found: list[Array] = [np.empty((0, 7))]
+    last, carried = (-1, -1), found[0]
+    for part in both.rows():
+        judged = both.stretch[part] >= 0
+        if not judged.any():
+            continue
+        times = both.time_ns[part.start : part.stop + 1]
+        rows = [np.diff(times)[:, None], both.changes(of, part, reading.attitude), both.said(columns, reading, part)]
+        stretch, window = both.stretch[part][judged], ((times[:-1] - both.time_ns[0]) // length)[judged]
+        begins = np.append(True, (np.diff(stretch) != 0) | (np.diff(window) != 0))
+        # What stands for the part of a window in the block before is added up first, as it came.
+        goes_on = (int(stretch[0]), int(window[0])) == last
+        label = np.append(np.zeros(len(carried) if goes_on else 0, np.intp), np.cumsum(begins) - 1)
+        values = np.concatenate([carried if goes_on else carried[:0], np.hstack(rows)[judged]])
+        sums: Array = np.array([np.bincount(label, column) for column in values.T], dtype=np.float64).T
+        if goes_on:
+            numbers[-1], found[-1] = numbers[-1][:-1], found[-1][:-1]
+        numbers.append(window[begins])
+        found.append(sums)
+        last, carried = (int(stretch[-1]), int(window[-1])), sums[-1:]
+    return np.concatenate(numbers), np.concatenate(found)
 
 
 def _spans(begins: Times, length: int) -> tuple[tuple[int, int], ...]:

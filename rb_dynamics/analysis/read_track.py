@@ -20,13 +20,15 @@ from rb_dynamics.analysis.stamp_order import disorder
 from rb_dynamics.analysis.track import (
     LARGEST,
     Array,
+    Motion,
     RecordedWrench,
     Times,
     TimeSeries,
     Track,
     frame_names,
     in_blocks,
-    motion_of,
+    motion_blocks,
+    shared,
 )
 from rb_dynamics.analysis.transform_tree import is_fixed, pairs, pose_between
 from rb_dynamics.analysis.velocities_from_poses import rates_of
@@ -39,6 +41,7 @@ from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
 
@@ -86,9 +89,8 @@ class Momenta:
     kinetic: Array
 
 
-def momenta(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: RigidBody) -> Momenta:
+def momenta(motion: Motion, body: RigidBody) -> Momenta:
     """Return L = R I w (about the centre of mass) and p = m R (v + w x c), world axes, and T; v, w, c in body axes."""
-    motion = motion_of(pose, twist, twist_in_world)
     attitude, omega = motion.orientation_xyzw, motion.angular_velocity_body
     velocity = motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass))
     spin = omega @ np.array(body.inertia)
@@ -403,13 +405,15 @@ class _TrackReader:
     def _computed(
         self, pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: RigidBody
     ) -> tuple[TimeSeries | None, TimeSeries | None, TimeSeries | None]:
-        found = momenta(pose, twist, twist_in_world, body)
-        if not len(found.time_ns):
+        blocks = (momenta(motion, body) for motion in motion_blocks(pose, twist, twist_in_world))
+        rows = stored((np.column_stack([found.angular, found.linear, found.kinetic]) for found in blocks), 7)
+        if not len(rows):
             self.notes.append(f"{pose.topic} and {twist.topic} share no stamp, so momenta are not computed.")
             return None, None, None
+        time_ns, *_ = shared(pose.time_ns, twist.time_ns)
         angular, linear, kinetic = (
-            None if np.isnan(values).any() else TimeSeries("", found.time_ns, values)
-            for values in (found.angular, found.linear, found.kinetic)
+            None if series.partial else series
+            for series in (TimeSeries("", time_ns, rows[:, columns]) for columns in (slice(0, 3), slice(3, 6), 6))
         )
         return angular, linear, kinetic
 

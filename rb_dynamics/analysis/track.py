@@ -22,7 +22,7 @@ Rows: TypeAlias = "slice | NDArray[np.intp]"
 # Larger numbers are not plausible in a motion, and their squares would overflow.
 LARGEST = 1e100
 
-_BLOCK = 1 << 16
+_BLOCK = 1 << 14
 _Items = TypeVar("_Items", Array, Times)
 
 
@@ -226,17 +226,33 @@ class Motion:
     angular_velocity_body: Array
 
 
-def in_blocks(rows: _Items) -> Iterator[_Items]:
-    """Yield rows in blocks: what is computed of all rows of a long log takes as much memory as the log."""
-    for first in range(0, len(rows), _BLOCK):
-        yield rows[first : first + _BLOCK]
+def in_blocks(rows: _Items, shared: int = 0) -> Iterator[_Items]:
+    """Yield rows in blocks: what is computed of all rows of a long log takes as much memory as the log.
+
+    Of two blocks that follow each other, the last rows of one, `shared` many, are the first of the next, so that all
+    differences between neighbours are in one of them.
+    """
+    for part in parts(len(rows) - shared):
+        yield rows[part.start : part.stop + shared]
         give_back(rows)
+
+
+def parts(count: int, together: int = 1) -> Iterator[slice]:
+    """Yield the rows of each block of `count`, which are multiples of `together`."""
+    size = max(_BLOCK // together, 1) * together
+    for first in range(0, count, size):
+        yield slice(first, min(first + size, count))
 
 
 def sizes_of(rows: Array) -> Array:
     """Return the length of each row, or the magnitude of each number."""
     blocks = [np.abs(block) if block.ndim == 1 else np.linalg.norm(block, axis=1) for block in in_blocks(rows)]
     return np.concatenate(blocks) if blocks else np.empty(0)
+
+
+def largest(rows: Array) -> float:
+    """Return the largest of `sizes_of`, 0 for none."""
+    return max((float(sizes_of(part).max()) for part in in_blocks(rows)), default=0.0)
 
 
 def frame_names(frames: Sequence[str]) -> str:
@@ -246,7 +262,21 @@ def frame_names(frames: Sequence[str]) -> str:
 
 def motion_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Motion:
     """Return pose and twist at their common stamps; `twist_in_world` as in `Track`."""
+    return _motion(shared(pose.time_ns, twist.time_ns), pose, twist, twist_in_world)
+
+
+def motion_blocks(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Iterator[Motion]:
+    """Yield the same in blocks."""
     time_ns, at_pose, at_twist = shared(pose.time_ns, twist.time_ns)
+    for part in parts(len(time_ns)):
+        one, other = (part if isinstance(rows, slice) else rows[part] for rows in (at_pose, at_twist))
+        yield _motion((time_ns[part], one, other), pose, twist, twist_in_world)
+        give_back(pose.values)
+        give_back(twist.values)
+
+
+def _motion(at: tuple[Times, Rows, Rows], pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> Motion:
+    time_ns, at_pose, at_twist = at
     attitude = unit_rows(pose.values[at_pose, 3:])
     velocity, omega = twist.values[at_twist, :3], twist.values[at_twist, 3:]
     if twist_in_world:

@@ -8,11 +8,14 @@ Biometrika 73 (1986) 13).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import Array, Times, TimeSeries
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, in_blocks, parts
+from rb_dynamics.numerics.growing_array import give_back, stored
 
 # A value counts if it is this multiple of its standard error, which comes from few groups.
 _SIGNIFICANT = 8.0
@@ -74,8 +77,14 @@ class TwistFit:
     def corrected(self, twist: TimeSeries) -> TimeSeries:
         """Return the twist without these differences."""
         axis = np.array(self.turned)
-        parts = [(part + np.cross(axis, part)) / (1.0 + self.scale) for part in np.hsplit(twist.values, 2)]
-        return replace(twist, time_ns=twist.time_ns - round(self.lag_s * 1e9), values=np.hstack(parts))
+        values = stored(
+            (
+                np.hstack([(part + np.cross(axis, part)) / (1.0 + self.scale) for part in np.hsplit(rows, 2)])
+                for rows in in_blocks(twist.values)
+            ),
+            6,
+        )
+        return replace(twist, time_ns=twist.time_ns - round(self.lag_s * 1e9), values=values)
 
     @property
     def words(self) -> str:
@@ -103,8 +112,8 @@ def fit_of_twist(ends: Times, gone: Array, time_ns: Times, said: Array, turn: fl
         turn: usual rotation between two samples, rad.
     """
     blocks = _Blocks.of(ends, gone, time_ns, said)
-    found = [each for k in range(2, 24) if (each := blocks.merged(1 << k)) is not None]
-    found = [each for each in found if len(each.gone) <= _MOST_BLOCKS]
+    merged = filter(None, (blocks.merged(1 << k) for k in range(2, 24)))
+    found = [each for each in merged if len(each.gone) <= _MOST_BLOCKS]
     if not found:
         return TwistFit()
     nearest = found[-1].nearest()
@@ -165,8 +174,9 @@ class _Blocks:
         end: its end.
         gone: (k, 3) change of the pose.
         at: (m,) times of the twist, s.
-        said: (m, 3) twist.
-        sums: (m, 3) its integral.
+        said: (3, m) twist.
+        sums: (3, m) its integral.
+        unknown: the intervals whose change is not known, ascending.
         longest: longest lag, s.
         away: distance of the instruments from a block, s.
     """
@@ -177,6 +187,7 @@ class _Blocks:
     at: Array
     said: Array
     sums: Array
+    unknown: NDArray[np.intp]
     longest: float
     away: float
 
@@ -184,11 +195,18 @@ class _Blocks:
     def of(ends: Times, gone: Array, time_ns: Times, said: Array) -> _Blocks:
         start = time_ns[0]
         at, edges = (time_ns - start) * 1e-9, (ends - start) * 1e-9
-        steps = np.diff(at)[:, None]
-        sums = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * steps * (said[1:] + said[:-1]), axis=0)])
+        columns = np.empty((3, len(said)))
+        for part, rows in zip(parts(len(said)), in_blocks(said), strict=True):
+            columns[:, part] = rows.T
+        steps, sums = np.diff(at), np.zeros((3, len(said)))
+        for begin in parts(len(steps)):
+            end = slice(begin.start + 1, begin.stop + 1)
+            added = 0.5 * steps[begin] * (columns[:, end] + columns[:, begin])
+            sums[:, end] = np.cumsum(np.hstack([sums[:, begin][:, :1], added]), axis=1)[:, 1:]
         longest = min(_LONGEST, _PART * float(at[-1] - at[0]))
-        away = _AWAY * float(np.median(steps))
-        return _Blocks(edges[:-1], edges[1:], gone, at, said, sums, longest, away)
+        away = _AWAY * float(np.median(steps, overwrite_input=True))
+        unknown = np.flatnonzero(np.concatenate([np.isnan(rows[:, 0]) for rows in in_blocks(gone)]))
+        return _Blocks(edges[:-1], edges[1:], gone, at, columns, sums, unknown, longest, away)
 
     def merged(self, size: int) -> _Blocks | None:
         """Return blocks of `size` intervals that are known, lags included; None for too few."""
@@ -196,16 +214,22 @@ class _Blocks:
         if count < _GROUPS * _LEAST_IN_GROUP:
             return None
         begin, end = self.begin[: count * size : size], self.end[size - 1 : count * size : size]
-        gone = self.gone[: count * size].reshape(count, size, 3).sum(axis=1)
-        unknown = np.concatenate([[0], np.cumsum(np.isnan(self.gone[:, 0]))])
+        gone = np.concatenate([rows.reshape(-1, size, 3).sum(axis=1) for rows in self._in_blocks(count, size)])
         beside = self.longest + self.away + 0.5 * (end - begin)
         first = np.searchsorted(self.end, begin - beside, side="right")
         last = np.searchsorted(self.begin, end + beside, side="left")
-        kept = (unknown[last] == unknown[first]) & np.isfinite(gone).all(axis=1)
+        kept = np.searchsorted(self.unknown, last) == np.searchsorted(self.unknown, first)
+        kept &= np.isfinite(gone).all(axis=1)
         kept &= (begin - beside >= self.at[0]) & (end + beside <= self.at[-1])
         if int(kept.sum()) < _GROUPS * _LEAST_IN_GROUP:
             return None
         return replace(self, begin=begin[kept], end=end[kept], gone=gone[kept])
+
+    def _in_blocks(self, count: int, size: int) -> Iterator[Array]:
+        """Yield the changes of `count` times `size` intervals, in blocks of whole multiples of `size`."""
+        for part in parts(count * size, size):
+            yield self.gone[part]
+            give_back(self.gone)
 
     def fit(self, lag: float, model: tuple[int, ...]) -> _Fit | None:
         """Return the fit of these columns, from about this `lag` on; None if there is none."""
@@ -239,7 +263,7 @@ class _Blocks:
         return self._at(self.sums, end) - self._at(self.sums, begin)
 
     def _at(self, rows: Array, times: Array) -> Array:
-        return np.stack([np.interp(times, self.at, column) for column in rows.T], axis=1)
+        return np.stack([np.interp(times, self.at, column) for column in rows], axis=1)
 
     def _linear(self, lag: float, kept: list[int]) -> _Fit:
         """Return the change of these columns.

@@ -12,15 +12,18 @@ neighbouring samples, whose noise is independent, therefore serve as instruments
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.impulse import Impulse, impulses, wander
+from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
-from rb_dynamics.analysis.track import Array, Times, Track, motion_of
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, motion_blocks, shared
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
 # Directions of the inertia that the motion excites less than this, relative to the best, keep their given value.
@@ -150,54 +153,34 @@ def residual(track: Track, bound: float) -> Residual | None:
     pose, twist, body = track.pose, track.twist, track.body
     if track.own or pose is None or twist is None or body is None or body.is_particle:
         return None
-    motion = motion_of(pose, twist, track.twist_in_world)
-    if np.isnan(motion.linear_velocity_body).any():
+    time_ns, *_ = shared(pose.time_ns, twist.time_ns)
+    if twist.partial or len(time_ns) <= _LEAST_INTERVALS:
         return None
-    time_ns, attitude, omega = motion.time_ns, motion.orientation_xyzw, motion.angular_velocity_body
-    push, turn = (impulses(track, kind, time_ns) for kind in ("force", "torque"))
-    scale = float(np.linalg.norm(omega @ np.array(body.inertia), axis=1).max(initial=0.0))
+    moved = _Moved.of(pose, twist, track.twist_in_world, body)
+    push, turn = (_Pushed.of(track, kind, time_ns) for kind in ("force", "torque"))
     # Over a gap the quadrature is meaningless, whatever its error estimate.
-    known = (turn.error <= _ROUGH * scale) & np.isfinite(push.error)
+    known = (turn.error <= _ROUGH * moved.scale) & np.isfinite(push.error)
     known[1:] &= np.diff(time_ns) > 0
     if int(known[1:].sum()) < _LEAST_INTERVALS:
         return None
     known[:1] = False
     stretch = np.cumsum(~known, dtype=np.int_)
-    speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, np.array(body.center_of_mass)))
-    pushed, turned = (np.cumsum(_impulse(each), axis=0) for each in (push, turn))
-    of_force = body.mass * speed - pushed
-    push_steps, turn_steps = (wander(track, each.turning, time_ns) for each in (push, turn))
-    mass, mass_error = _of_mass(speed, pushed, stretch, push_steps)
-    basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
-    fit = _of_inertia(np.array(body.inertia), basis, turned, stretch, turn_steps)
+    mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps)
+    fit = _of_inertia(np.array(body.inertia), moved.basis, turn.sums, stretch, turn.steps)
     relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
     # An error of the quadrature is an explanation.
-    accepted = bound + (float(turn.error[known].sum()) / scale if scale > 0.0 else 0.0)
+    accepted = bound + (float(turn.error[known].sum()) / moved.scale if moved.scale > 0.0 else 0.0)
     explained = relative <= accepted or not fit.noise.beyond
-    fits = best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch, turn_steps).beyond
+    fits = best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch, turn.steps).beyond
     explainable = fits and _possible(fit.inertia)
-    found = (
-        None if explained or explainable else _of_another_size(fit, basis, turn, turned, time_ns, stretch, turn_steps)
-    )
+    found = None if explained or explainable else _of_another_size(fit, moved.basis, turn, time_ns, stretch)
     if found is not None:
         explainable, best = True, _rms(found.best_left) / fit.scale
-    bias = None if explained else _bias(body, attitude, fit.left, stretch, turn_steps)
-    size = _block(fit.left, stretch, fit.noise)
-    rows = np.arange(len(time_ns)).astype(np.float64)
-    (at, of), seconds = means(rows, stretch, size), means((time_ns - time_ns[0]) * 1e-9, stretch, size)[0]
-    follows = np.diff(of) == 0
-    ends = np.rint(at).astype(np.intp)
-    force, torque = (
-        (np.diff(means(left, stretch, size)[0], axis=0) / np.diff(seconds)[:, None])[follows]
-        for left in (of_force, fit.left)
-    )
+    bias = None if explained else _bias(body, moved.attitude, fit.left, stretch, turn.steps)
     noise = fit.noise.level / fit.scale if fit.scale > 0.0 else 0.0
+    of_force = _differences(body.mass, moved.speed, push.sums)
     return Residual(
-        start_ns=time_ns[ends[:-1][follows]],
-        time_ns=time_ns[ends[1:][follows]],
-        force_world=force,
-        torque_world=torque,
-        torque_body=rotate_all_inverse(attitude[ends[1:][follows]], torque),
+        **_wrench(time_ns, moved.attitude, of_force, fit.left, stretch, _block(fit.left, stretch, fit.noise)),
         relative=relative,
         best=best,
         inertia=(found or fit).inertia,
@@ -209,9 +192,117 @@ def residual(track: Track, bound: float) -> Residual | None:
         noise=noise if relative > bound else 0.0,
         unseen=fit.unseen,
         bias=bias,
-        axis=_one_axis(omega, stretch),
+        axis=_one_axis(moved.omega, stretch),
         recorded=track.acted,
     )
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """The motion at the stamps that pose and twist share.
+
+    Attributes:
+        attitude: (n, 4), body to world.
+        omega: (n, 3), rad/s, body axes.
+        speed: (n, 3), m/s, of the centre of mass, world axes.
+        basis: (n, 18), of which row i, as (3, 6), times the six numbers of an inertia is the angular momentum.
+        scale: largest angular momentum.
+    """
+
+    attitude: Array
+    omega: Array
+    speed: Array
+    basis: Array
+    scale: float
+
+    @staticmethod
+    def of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool, body: RigidBody) -> _Moved:
+        inertia, center, scale = np.array(body.inertia), np.array(body.center_of_mass), 0.0
+
+        def blocks() -> Iterator[Array]:
+            nonlocal scale
+            for motion in motion_blocks(pose, twist, twist_in_world):
+                attitude, omega = motion.orientation_xyzw, motion.angular_velocity_body
+                scale = max(scale, float(np.linalg.norm(omega @ inertia, axis=1).max()))
+                speed = rotate_all(attitude, motion.linear_velocity_body + np.cross(omega, center))
+                basis = np.stack([rotate_all(attitude, omega @ unit) for unit in _UNITS], axis=2)
+                yield np.hstack([attitude, omega, speed, basis.reshape(-1, 18)])
+
+        rows = stored(blocks(), 28)
+        return _Moved(rows[:, :4], rows[:, 4:7], rows[:, 7:10], rows[:, 10:], scale)
+
+
+@dataclass(frozen=True)
+class _Pushed:
+    """Impulses from the first sample to each.
+
+    Attributes:
+        sums: (n, 3), of force or torque, where it is known.
+        error: (n,), of each interval, see `Impulse`.
+        steps: (n,), variance that the noise of the attitude adds in each interval.
+    """
+
+    sums: Array
+    error: Array
+    steps: Array
+
+    @staticmethod
+    def of(track: Track, kind: str, time_ns: Times) -> _Pushed:
+        error, turning = np.empty(len(time_ns)), GrowingArray()
+
+        def blocks() -> Iterator[Array]:
+            last, first = np.empty((0, 3)), 0
+            for each in impulse_blocks(track, kind, time_ns):
+                error[first : first + len(each.error)] = each.error
+                turning.add(each.turning)
+                first += len(each.error)
+                sums = np.cumsum(np.concatenate([last, _impulse(each)]), axis=0)
+                yield sums[len(last) :]
+                last = sums[-1:]
+
+        sums = stored(blocks(), 3)
+        return _Pushed(sums, error, wander(track, in_blocks(turning.view("f8").reshape(-1, 3)), time_ns))
+
+
+def _differences(factor: float | Array, rows: Array, less: Array) -> Array:
+    """Return `rows` times a factor, or as matrices (3, 6) times six numbers, minus `less`, (n, 3)."""
+    blocks = zip(in_blocks(rows), in_blocks(less), strict=True)
+    return stored((_times(part, factor) - other for part, other in blocks), 3)
+
+
+def _times(rows: Array, factor: float | Array) -> Array:
+    result: Array = rows.reshape(-1, 3, 6) @ factor if isinstance(factor, np.ndarray) else factor * rows
+    return result
+
+
+def _wrench(
+    time_ns: Times, attitude: Array, of_force: Array, left: Array, stretch: Labels, size: int
+) -> dict[str, Any]:
+    """Return the force and torque that change what is left, from means of `size` samples: fields of `Residual`."""
+    rows = np.arange(len(time_ns)).astype(np.float64)
+    (at, of), seconds = means(rows, stretch, size), means((time_ns - time_ns[0]) * 1e-9, stretch, size)[0]
+    follows = np.diff(of) == 0
+    ends = np.rint(at).astype(np.intp)
+
+    def changes(values: Array) -> Array:
+        mean = means(values, stretch, size)[0]
+        blocks = zip(in_blocks(mean, 1), in_blocks(seconds, 1), in_blocks(of, 1), strict=True)
+        return stored(((np.diff(a, axis=0) / np.diff(s)[:, None])[np.diff(k) == 0] for a, s, k in blocks), 3)
+
+    torque, last = changes(left), ends[1:][follows]
+
+    def in_body() -> Iterator[Array]:
+        for rows, part in zip(in_blocks(last), in_blocks(torque), strict=True):
+            yield rotate_all_inverse(attitude[rows], part)
+            give_back(attitude)
+
+    return {
+        "start_ns": time_ns[ends[:-1][follows]],
+        "time_ns": time_ns[last],
+        "force_world": changes(of_force),
+        "torque_world": torque,
+        "torque_body": stored(in_body(), 3),
+    }
 
 
 # I = sum of x_k unit_k, x = (Ixx, Iyy, Izz, Ixy, Ixz, Iyz).
@@ -239,15 +330,14 @@ class _Fit:
     unseen: tuple[float, float, float]
 
 
-def _of_another_size(
-    fit: _Fit, basis: Array, turn: Impulse, turned: Array, time_ns: Times, stretch: Labels, steps: Array
-) -> _Fit | None:
+def _of_another_size(fit: _Fit, basis: Array, turn: _Pushed, time_ns: Times, stretch: Labels) -> _Fit | None:
     """Return the fit from an inertia of the size that the torques show, if it explains the motion; else None.
 
     Where the torques or the inertia given are in other units, what is felt, known and seen is told by that size.
     """
-    momentum = centred(basis @ np.array([fit.given[i, j] for i, j in _PLACES]), stretch)
-    size = float(np.sum(momentum * centred(turned, stretch)) / max(np.sum(momentum**2), 1e-300))
+    given = np.array([fit.given[i, j] for i, j in _PLACES])
+    momentum = centred(stored((_times(rows, given) for rows in in_blocks(basis)), 3), stretch)
+    size = _product(momentum, centred(turn.sums, stretch)) / max(_product(momentum, momentum), 1e-300)
     if not size > 0.0 or 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
         return None
     known = turn.error <= _ROUGH * size * fit.scale
@@ -256,41 +346,60 @@ def _of_another_size(
     if int(known[1:].sum()) < _LEAST_INTERVALS:
         return None
     stretch = np.cumsum(~known, dtype=np.int_)
-    found = _of_inertia(size * fit.given, basis, turned, stretch, steps)
-    fits = _rms(found.best_left) <= _FITS * _rms(found.left) or not judge(found.best_left, stretch, steps).beyond
+    found = _of_inertia(size * fit.given, basis, turn.sums, stretch, turn.steps)
+    fits = _rms(found.best_left) <= _FITS * _rms(found.left) or not judge(found.best_left, stretch, turn.steps).beyond
     return found if fits and found.scaled and _possible(found.inertia) else None
 
 
+def _product(one: Array, other: Array) -> float:
+    """Return the sum of all products."""
+    return sum(float(np.sum(a * b)) for a, b in zip(in_blocks(one), in_blocks(other), strict=True))
+
+
 def _of_inertia(matrix: Array, basis: Array, turned: Array, stretch: Labels, steps: Array) -> _Fit:
-    """Return the residual of `basis` (n, 3, 6) times the inertia and the impulses so far (n, 3), as given and best."""
+    """Return the residual of `basis` (n, 18) times the inertia and the impulses so far (n, 3), as given and best."""
     given = np.array([matrix[i, j] for i, j in _PLACES])
-    momentum = basis @ given
-    scale = float(np.linalg.norm(momentum, axis=1).max())
-    left = centred(momentum - turned, stretch)
+    scale = max(float(np.linalg.norm(_times(rows, given), axis=1).max()) for rows in in_blocks(basis))
+    left = centred(_differences(given, basis, turned), stretch)
     noise = judge(left, stretch, steps)
-    felt = np.linalg.norm(centred(turned, stretch), axis=1).max()
-    scaled = float(felt) > max(_FELT * scale, noise.level)
+    felt = largest(centred(turned, stretch))
+    scaled = felt > max(_FELT * scale, noise.level)
     # Without a torque every multiple of an inertia fits as well, so only changes that keep the size of the momentum
     # are fitted: of a body that turns about one axis, none is left.
-    free = np.eye(6) if scaled else _across(np.einsum("nri,nr->i", basis, momentum))
-    moved = centred(basis, stretch)
-    between = _between(stretch)
-    before, here, after = moved[:-2][between], moved[1:-1][between], moved[2:][between]
-    beside = 0.5 * (before + after)
-    normal = np.einsum("nri,nrj->ij", beside, here)
-    pull = np.einsum("nri,nr->i", beside, left[1:-1][between])
+    free = np.eye(6) if scaled else _across(_along(basis, given))
+    normal, pull, count = _normal(centred(basis, stretch), left, stretch)
     values, vectors = np.linalg.eigh(free.T @ (normal + normal.T) @ free / 2.0)
     # By noise alone a sum of n products differs from zero by about the square root of n.
     smallest = float(np.abs(values).max()) * _SEEN**2
     rates = (noise.level / max(float(np.linalg.norm(given)), 1e-300)) ** 2
-    seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(len(here)))
+    seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(count))
     vectors = free @ vectors[:, seen]
     best = given - vectors @ np.linalg.solve(vectors.T @ normal @ vectors, vectors.T @ pull)
     if not scaled and best[:3].sum() > 0.0:
         best *= given[:3].sum() / best[:3].sum()
     inertia: Array = np.tensordot(best, np.array(_UNITS), axes=1)
-    best_left = centred(basis @ best - turned, stretch)
+    best_left = centred(_differences(best, basis, turned), stretch)
     return _Fit(matrix, left, best_left, inertia, scaled, scale, noise, _unseen(matrix, vectors, values[seen], noise))
+
+
+def _along(basis: Array, given: Array) -> Array:
+    """Return the sum over all samples of the momentum times what each of the six numbers adds to it."""
+    total = np.zeros(6)
+    for rows in in_blocks(basis):
+        total += np.einsum("nri,nr->i", rows.reshape(-1, 3, 6), _times(rows, given))
+    return total
+
+
+def _normal(basis: Array, left: Array, stretch: Labels) -> tuple[Array, Array, int]:
+    """Return the equations of the fit, with the neighbours of each sample as instruments, and of how many samples."""
+    normal, pull, count = np.zeros((6, 6)), np.zeros(6), 0
+    for rows, rest, labels in zip(in_blocks(basis, 2), in_blocks(left, 2), in_blocks(stretch, 2), strict=True):
+        between, moved = _between(labels), rows.reshape(-1, 3, 6)
+        beside, here = 0.5 * (moved[:-2][between] + moved[2:][between]), moved[1:-1][between]
+        normal += np.einsum("nri,nrj->ij", beside, here)
+        pull += np.einsum("nri,nr->i", beside, rest[1:-1][between])
+        count += len(here)
+    return normal, pull, count
 
 
 def _between(stretch: Labels) -> NDArray[np.bool_]:
@@ -313,11 +422,23 @@ def _unseen(matrix: Array, directions: Array, values: Array, noise: Noise) -> tu
 def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels, steps: Array) -> Array | None:
     """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None if none does."""
     matrix = np.array(body.inertia)
-    effect = centred(np.stack([rotate_all(attitude, row) for row in matrix.T], axis=2), stretch)
-    bias = np.linalg.lstsq(effect.reshape(-1, 3), left.ravel(), rcond=_SEEN)[0]
-    rest = left - effect @ bias
+    turned = (np.stack([rotate_all(part, row) for row in matrix.T], axis=2) for part in in_blocks(attitude))
+    effect = centred(stored((part.reshape(-1, 9) for part in turned), 9), stretch)
+    blocks = zip(in_blocks(effect), in_blocks(left), strict=True)
+    both = _triangle((np.hstack([part.reshape(-1, 3), rest.reshape(-1, 1)]) for part, rest in blocks), 4)
+    bias = np.linalg.lstsq(both[:, :3], both[:, 3], rcond=_SEEN)[0]
+    blocks = zip(in_blocks(effect), in_blocks(left), strict=True)
+    rest = stored((other - part.reshape(-1, 3, 3) @ bias for part, other in blocks), 3)
     result: Array = np.asarray(bias, dtype=np.float64)
     return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch, steps).beyond else None
+
+
+def _triangle(blocks: Iterable[Array], columns: int) -> Array:
+    """Return R of the factors Q R of the rows of all blocks, which has their singular values and least squares."""
+    result: Array = np.empty((0, columns))
+    for block in blocks:
+        result = np.asarray(np.linalg.qr(np.concatenate([result, block]), mode="r"))
+    return result
 
 
 def _across(direction: Array) -> Array:
@@ -328,7 +449,7 @@ def _across(direction: Array) -> Array:
 
 def _one_axis(omega: Array, stretch: Labels) -> Array | None:
     """Return the axis (unit, body axes) about which the body turns; None if about more than one, or none."""
-    _, sizes, axes = np.linalg.svd(omega, full_matrices=False)
+    _, sizes, axes = np.linalg.svd(_triangle(in_blocks(omega), 3))
     beside = float(np.hypot(sizes[1], sizes[2]))
     noise = _NOISE * typical(omega, stretch) * np.sqrt(len(omega))
     if sizes[0] == 0.0 or beside > max(_ONE_AXIS * float(sizes[0]), min(noise, 0.5 * float(sizes[0]))):
@@ -344,14 +465,14 @@ def _of_mass(speed: Array, pushed: Array, stretch: Labels, steps: Array | None =
     well as perpendicular: another force, or one at another time, could change the mass by that much.
     """
     impulse = centred(pushed, stretch)
-    felt, along = float(np.sum(impulse**2)), float(np.sum(impulse * speed))
+    felt, along = _product(impulse, impulse), _product(impulse, speed)
     if felt == 0.0 or along <= 0.0:
         return None, np.inf
     mass = felt / along
-    left = centred(mass * speed - pushed, stretch)
+    left = centred(_differences(mass, speed, pushed), stretch)
     noise = judge(left, stretch, steps)
-    error = (float(np.linalg.norm(left)) if noise.beyond else noise.level) * np.sqrt(felt) / along
-    return (mass, error) if error <= _TOLD * mass else (None, error)
+    error = (np.sqrt(_product(left, left)) if noise.beyond else noise.level) * np.sqrt(felt) / along
+    return (mass, float(error)) if error <= _TOLD * mass else (None, float(error))
 
 
 def _impulse(impulse: Impulse) -> Array:
@@ -363,8 +484,9 @@ def _block(left: Array, stretch: Labels, noise: Noise) -> int:
     size = 1
     while noise.sizes and size < noise.sizes[-1]:
         mean, of = means(left, stretch, size)
-        steps = np.linalg.norm(np.diff(mean, axis=0), axis=1)[np.diff(of) == 0]
-        if steps.max(initial=0.0) > _STANDS_OUT * typical(mean, of):
+        blocks = zip(in_blocks(mean, 1), in_blocks(of, 1), strict=True)
+        steps = [np.linalg.norm(np.diff(a, axis=0), axis=1)[np.diff(k) == 0].max(initial=0.0) for a, k in blocks]
+        if max(steps, default=0.0) > _STANDS_OUT * typical(mean, of):
             break
         size *= 2
     return size
@@ -376,4 +498,4 @@ def _possible(inertia: Array) -> bool:
 
 
 def _rms(left: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    return float(np.sqrt(np.mean(np.concatenate([np.sum(rows**2, axis=1) for rows in in_blocks(left)]))))

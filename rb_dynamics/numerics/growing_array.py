@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 from array import array
+from collections.abc import Iterable
 from typing import IO, Any
 
 import numpy as np
@@ -77,6 +78,15 @@ class GrowingArray:
             self._file.close()
             self._file = None
         self._bytes += rest
+
+
+def stored(blocks: Iterable[NDArray[Any]], columns: int) -> NDArray[np.float64]:
+    """Return the rows of blocks (k, columns), or of numbers (k,) where `columns` is 0, as one array, read-only."""
+    found = GrowingArray()
+    for block in blocks:
+        found.add(block)
+    numbers = found.view("f8")
+    return numbers.reshape(-1, columns) if columns else numbers
 
 
 def give_back(rows: NDArray[Any]) -> None:

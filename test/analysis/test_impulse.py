@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 
 from rb_dynamics.analysis.balance import Balance, balances
-from rb_dynamics.analysis.impulse import impulses, integral
+from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, integral
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 
 BOUND = 1e-6
+
+
+def impulses(track: Track, kind: str, time_ns: Any) -> Impulse:
+    blocks = [*impulse_blocks(track, kind, time_ns)]
+    return Impulse(*(np.concatenate([getattr(part, name) for part in blocks]) for name in Impulse.__annotations__))
 
 
 def track_of(flight: Any) -> Track:

@@ -13,9 +13,10 @@ from bag_rows import write_rows
 from recorded_runs import Flight
 
 import rb_dynamics as rb
-from rb_dynamics.analysis import impulse, own_log_consistency, track
+from rb_dynamics.analysis import impulse, own_log_consistency, track, twist_calibration
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.numerics import growing_array
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -25,6 +26,7 @@ initial: {angular_velocity_body: [0.1, 2, 0.1]}
 solver: {method: exact}
 output_rate: 100
 """
+WRONG = SPIN.replace("[1, 2, 3]", "[1.2, 2, 2.7]")
 
 
 def test_of_our_own_log(flight: Flight) -> None:
@@ -78,20 +80,72 @@ def test_what_is_no_scene_is_named(flight: Flight) -> None:
         rb.inspect(flight.log, 3)  # type: ignore[arg-type]
 
 
-def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The numbers of a sample, some 200 bytes, stand in files; its time is kept, and what is sorted for a while."""
+def small_blocks(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
     for name in ("_IN_MEMORY", "_WAITING"):
         monkeypatch.setattr(growing_array, name, 2**12)
     for module in (track, impulse, own_log_consistency):
-        monkeypatch.setattr(module, "_BLOCK", 1000)
-    peaks = []
-    for samples in (6000, 11000):
-        scene = rb.parse_scene(SPIN, overrides={"duration": 0.01 * samples})
-        rb.simulate(scene, sinks=[McapSink(tmp_path / "run.mcap")])
-        tracemalloc.start()
-        try:
-            rb.inspect(tmp_path / "run.mcap")
-            peaks.append(tracemalloc.get_traced_memory()[1])
-        finally:
-            tracemalloc.stop()
+        monkeypatch.setattr(module, "_BLOCK", rows)
+
+
+def peak_of_inspect(path: Path, scene: rb.Scene | None = None) -> int:
+    tracemalloc.start()
+    try:
+        rb.inspect(path, scene)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def spun(path: Path, samples: int) -> Path:
+    scene = rb.parse_scene(SPIN, overrides={"duration": 0.01 * samples})
+    rb.simulate(scene, sinks=[McapSink(path)])
+    return path
+
+
+def odometry_of(log: Path, bag: Path, factor: float = 1.0) -> Path:
+    """Copy the motion as another program records it, with what it says of the rates multiplied by a factor."""
+    kind = "nav_msgs/msg/Odometry"
+    rows = []
+    for message in open_source(log).messages():
+        if message.channel.topic == "/odom":
+            values = [*cdr.decode(kind, message.data)]
+            values[5] = tuple(factor * value for value in values[5])
+            rows.append(("/odom", kind, message.log_time, cdr.encode(kind, *values)))
+    return write_rows(bag, rows)
+
+
+def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The numbers of a sample, some 200 bytes, stand in files; its time is kept, and what is sorted for a while."""
+    small_blocks(monkeypatch, 1000)
+    peaks = [peak_of_inspect(spun(tmp_path / "run.mcap", samples)) for samples in (6000, 11000)]
     assert (peaks[1] - peaks[0]) / 5000 < 100
+
+
+@pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 120), (True, 180)])
+def test_memory_grows_little_with_a_bag(
+    with_scene: bool, bytes_each: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is computed of each message, some 1000 bytes with the wrong body, stands in files, too."""
+    small_blocks(monkeypatch, 500)
+    monkeypatch.setattr(twist_calibration, "_MOST_BLOCKS", 500)
+    scene, factor = (rb.parse_scene(WRONG), 1.0) if with_scene else (None, 1.01)
+    log = tmp_path / "run.mcap"
+    bags = [odometry_of(spun(log, samples), tmp_path / f"{samples}.mcap", factor) for samples in (4000, 9000)]
+    peaks = [peak_of_inspect(bag, scene) for bag in bags]
+    assert (peaks[1] - peaks[0]) / 5000 < bytes_each
+
+
+def test_blocks_of_a_bag_change_no_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, scene = spun(tmp_path / "run.mcap", 2000), rb.parse_scene(WRONG)
+    faster, true = (odometry_of(log, tmp_path / f"{factor}.mcap", factor) for factor in (1.07, 1.0))
+    whole, judged = rb.inspect(faster), rb.inspect(true, scene).summary
+    assert not whole.passed
+    small_blocks(monkeypatch, 37)
+    assert rb.inspect(faster).as_dict() == whole.as_dict()
+    # The sums of a fit are added up in another order.
+    parts = rb.inspect(true, scene).summary
+    assert [check.passed for check in parts.checks] == [check.passed for check in judged.checks]
+    assert parts.residual is not None
+    assert judged.residual is not None
+    np.testing.assert_allclose(parts.residual.inertia, judged.residual.inertia, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(parts.residual.torque_body, judged.residual.torque_body, rtol=1e-9, atol=1e-9)
