@@ -85,7 +85,7 @@ _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time",
 # The number of messages put into blocks together, where they come one by one.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
 # Chunks are taken together up to this size; and so much of the next ones is unpacked while those before are taken.
-_TOGETHER_BYTES = _AHEAD_BYTES = 2**18
+_TOGETHER_BYTES = _AHEAD_BYTES = 2**20
 
 Places: TypeAlias = NDArray[np.int64]
 _Read = TypeVar("_Read", "Message", "MessageBlock")

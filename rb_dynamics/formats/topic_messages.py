@@ -30,7 +30,7 @@ KEPT = {
         *(types.WRENCH, types.PLAIN_WRENCH, types.VECTOR, types.SCALAR, types.INERTIA),
     )
 }
-_BATCH = 1024
+_BATCH = 512
 
 
 class Topic:
