@@ -1,4 +1,4 @@
-"""`convert`: a log to a table (CSV, Parquet), a Rerun recording or its scene; a table of wrenches to an MCAP bag.
+"""`convert`: a log to a table (CSV, Parquet), a Rerun recording or its scene; a table of commands to an MCAP bag.
 
 Numbers are those of the log, with all digits. What a log does not hold (the defects of the momenta) is left out of a
 table and is NaN in a recording.
@@ -11,10 +11,10 @@ import csv
 import itertools
 import logging
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from rb_dynamics.conversion.bag_to_table import (
     ORIENTATION,
@@ -33,18 +33,19 @@ from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
-from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS, WRENCH
+from rb_dynamics.formats.message_types import SCALAR, TRANSFORM, TRANSFORMS, WRENCH
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.command_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
-from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received
+from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received, encode_setpoint
 from rb_dynamics.logs.own_log import (
     SampleRow,
     logged_scene,
     received_commands,
+    received_setpoints,
     row_blocks,
     row_columns,
     rows,
@@ -69,6 +70,13 @@ _COMMAND_COLUMNS = (
     Column("topic", "text"),
     Column("frame_id", "text"),
     *(Column(name, unit="N" if name.startswith("force") else "N m") for name in _NUMBERS),
+)
+_SETPOINT = "command"
+_SETPOINT_COLUMNS = (
+    Column("time_ns", "whole", "ns"),
+    Column("topic", "text"),
+    Column(_SETPOINT),
+    Column("unit", "text"),
 )
 
 
@@ -128,8 +136,9 @@ def to_table(
 ) -> list[Written]:
     """Write logs or bags to one table, .csv or .parquet; returns the files with their rows.
 
-    Of logs of this package: their samples, and their commands, if any, to `*.wrenches.*` beside it; of several, with a
-    column `run`. Of bags of other programs, and where `topics` are named: a row for each message, see `convert_bag`.
+    Of logs of this package: their samples, and beside it their commands, if any, those of wrenches to `*.wrenches.*`
+    and those to actuators to `*.actuators.*`; of several, with a column `run`. Of bags of other programs, and where
+    `topics` are named: a row for each message.
 
     Args:
         paths: the logs or bags.
@@ -145,8 +154,8 @@ def to_table(
             be written.
         MissingExtraError: a .parquet file without pyarrow.
     """
-    beside = target.with_name(f"{target.stem}.wrenches{target.suffix}")
-    for path in (target, beside):
+    beside = {kind: target.with_name(f"{target.stem}.{kind}{target.suffix}") for kind in _COMMANDS}
+    for path in (target, *beside.values()):
         require_other(path, *paths)
     inputs = list(_looked_through(paths, skip, bool(topics)))
     own = [each for each in inputs if each.own]
@@ -205,9 +214,9 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
 
 
 def _samples_to_table(
-    logs: Sequence[_Input], target: Path, beside: Path, skip: Skip | None, window_s: Window
+    logs: Sequence[_Input], target: Path, beside: Mapping[str, Path], skip: Skip | None, window_s: Window
 ) -> list[Written]:
-    parts: list[tuple[Path, Scene, dict[str, str]]] = []
+    parts: list[_Part] = []
     span = logs[0].span(window_s)
     for each in logs:
         try:
@@ -233,24 +242,52 @@ def _samples_to_table(
                 block: list[Any] = [times[kept], *(found[:, place[name]] if name in place else None for name in wide)]
                 yield [[str(path)] * len(found), *block] if run else block
 
-    def commands() -> Iterator[Rows]:
+    written = [Written(target, write_table(target, columns, samples()), "samples")]
+    commands = (_commands_to_table(kind, parts, run, beside[kind], span) for kind in _COMMANDS)
+    return [*written, *filter(None, commands)]
+
+
+def _commands_to_table(
+    kind: str, parts: Sequence[_Part], run: Sequence[Column], target: Path, span: Span
+) -> Written | None:
+    """Write one of `_COMMANDS` of logs to a table, if there are any; `run` is a column for the log, if it is wanted."""
+    columns, lines, what = _COMMANDS[kind]
+
+    def blocks() -> Iterator[Rows]:
         for path, scene, names in parts:
-            received = received_commands(scene, names, _messages_of(path, {names[c.topic] for c in scene.channels}))
-            lines = (
-                (time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque)
-                for topic, wrench, time_ns in received
-                if time_ns in span
-            )
-            for batch in _batches(lines):
+            for batch in _batches(line for line in lines(path, scene, names) if line[0] in span):
                 block = list(zip(*batch, strict=True))
                 yield [[str(path)] * len(batch), *block] if run else block
 
-    written = [Written(target, write_table(target, columns, samples()), "samples")]
-    blocks = commands()
-    if first := list(itertools.islice(blocks, 1)):
-        count = write_table(beside, [*run, *_COMMAND_COLUMNS], itertools.chain(first, blocks))
-        written.append(Written(beside, count, "commands"))
-    return written
+    found = blocks()
+    if not (first := list(itertools.islice(found, 1))):
+        return None
+    return Written(target, write_table(target, [*run, *columns], itertools.chain(first, found)), what)
+
+
+def _wrench_lines(path: Path, scene: Scene, names: dict[str, str]) -> Iterator[tuple[Any, ...]]:
+    messages = _messages_of(path, {names[channel.topic] for channel in scene.channels})
+    for topic, wrench, time_ns in received_commands(scene, names, messages):
+        yield time_ns, topic, wrench.frame_id, *wrench.force, *wrench.torque
+
+
+def _setpoint_lines(path: Path, scene: Scene, names: dict[str, str]) -> Iterator[tuple[Any, ...]]:
+    units = {actuator.topic: actuator.unit for actuator in scene.actuators}
+    messages = _messages_of(path, {names[topic] for topic in units}) if units else iter(())
+    for topic, value, time_ns in received_setpoints(scene, names, messages):
+        yield time_ns, topic, value, units[topic]
+
+
+_Part: TypeAlias = "tuple[Path, Scene, dict[str, str]]"
+"""A log, its scene, and what the topics of the scene are called in it."""
+_Lines: TypeAlias = Callable[[Path, Scene, "dict[str, str]"], Iterator[tuple[Any, ...]]]
+"""Gives the rows of commands in a log, the time first."""
+
+# Tables of commands beside that of the samples, by what stands in their names.
+_COMMANDS: dict[str, tuple[tuple[Column, ...], _Lines, str]] = {
+    "wrenches": (_COMMAND_COLUMNS, _wrench_lines, "commands"),
+    "actuators": (_SETPOINT_COLUMNS, _setpoint_lines, "commands to actuators"),
+}
 
 
 def _messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
@@ -368,43 +405,46 @@ def log_to_scene(log: str | Path, target: Path) -> None:
 
 
 def table_to_bag(table: Path, target: Path) -> int:
-    """Write a CSV of wrenches as an MCAP bag of WrenchStamped; returns the rows.
+    """Write a CSV of commands as an MCAP bag; returns the rows.
 
-    Columns: `time_ns` (integer) or `time_s`; `force_x` ... `torque_z` (N, N m); and, where they are given, `topic`
-    (default "wrench") and `frame_id` (default "": body axes).
+    Columns: `time_ns` (integer) or `time_s`; of wrenches `force_x` ... `torque_z` (N, N m) and, where they are given,
+    `topic` (default "wrench") and `frame_id` (default "": body axes); to actuators `command` and `topic`.
 
     Raises:
         LogError: the table cannot be read, naming line and column, or `target` is `table` or cannot be written.
     """
     require_other(target, table)
-    commands = list(_read_wrenches(table))
+    commands = list(_read_commands(table))
     qos = qos_profile(COMMAND_DEPTH)
-    channels = {topic: log_channel(topic, WRENCH, qos) for topic in dict.fromkeys(topic for topic, _ in commands)}
+    kinds = {topic: SCALAR if isinstance(command, float) else WRENCH for _, topic, command in commands}
+    channels = {topic: log_channel(topic, kind, qos) for topic, kind in kinds.items()}
     with contextlib.closing(OutputFile(target)) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()
         ids = {topic: writer.add_channel(channel) for topic, channel in channels.items()}
-        for topic, wrench in commands:
-            writer.add_messages((ids[topic],), (encode_received(wrench),), wrench.stamp_ns, wrench.stamp_ns)
+        for time_ns, topic, command in commands:
+            data = encode_setpoint(command) if isinstance(command, float) else encode_received(command)
+            writer.add_messages((ids[topic],), (data,), time_ns, time_ns)
         writer.finish()
     return len(commands)
 
 
-def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
-    """Yield channel and command of each row; warn of those that no run accepts."""
+def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
+    """Yield time, topic and command of each row; warn of those that no run accepts."""
     odd: list[str] = []
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             found = reader.fieldnames or []
-            missing = [name for name in _NUMBERS if name not in found]
+            numbers = (_SETPOINT,) if _SETPOINT in found else _NUMBERS
+            missing = [name for name in numbers if name not in found]
             if missing or not set(_TIMES) & set(found):
-                wanted = ", ".join(("time_ns or time_s", *_NUMBERS))
+                wanted = ", ".join(("time_ns or time_s", *numbers))
                 raise LogError(
                     f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be; "
                     "name them so, separated by commas"
                 )
-            twice = [name for name in (*_NUMBERS, *_TIMES, "topic", "frame_id") if found.count(name) > 1]
+            twice = [name for name in (*numbers, *_TIMES, "topic", "frame_id") if found.count(name) > 1]
             if twice or set(found) >= set(_TIMES):
                 raise LogError(
                     f"{table}: there are several columns {', '.join(twice or _TIMES)}, expected one; remove the others"
@@ -418,15 +458,18 @@ def _read_wrenches(table: Path) -> Iterator[tuple[str, Wrench]]:
                         "expected as many; write numbers with a decimal point, and cells with a comma in quotes"
                     )
                 time_ns = _time_ns(row, where)
-                six = [_number(row[name], f"{where}, {name}") for name in _NUMBERS]
-                topic = row.get("topic") or "wrench"
+                values = [_number(row[name], f"{where}, {name}") for name in numbers]
+                topic = row.get("topic") or ("wrench" if numbers is _NUMBERS else "")
                 if not is_topic_name(topic):
                     raise LogError(f"{where}, topic: found {shown(topic)}, expected a ROS topic name; {NAMING}")
                 topic = "/" + topic.removeprefix("/")
-                cells = zip(_NUMBERS, six, strict=True)
+                cells = zip(numbers, values, strict=True)
                 odd += [f"{where}, {name}: {row[name]}" for name, number in cells if not math.isfinite(number)][:1]
-                force, torque = (six[0], six[1], six[2]), (six[3], six[4], six[5])
-                yield topic, Wrench(force, torque, row.get("frame_id") or "", time_ns)
+                if numbers is _NUMBERS:
+                    force, torque = (values[0], values[1], values[2]), (values[3], values[4], values[5])
+                    yield time_ns, topic, Wrench(force, torque, row.get("frame_id") or "", time_ns)
+                else:
+                    yield time_ns, topic, values[0]
         if odd:
             _logger.warning("commands that are not finite, which a run rejects: %d; the first: %s", len(odd), odd[0])
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import command
 
-from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics import Setpoint, Wrench, parse_scene, simulate
 from rb_dynamics.conversion.convert import log_to_rerun, log_to_scene, table_to_bag, to_table
 from rb_dynamics.errors import LogError
 from rb_dynamics.logs.bag_reader import read_bag
@@ -203,3 +203,32 @@ def test_an_earlier_table_is_replaced_and_never_the_log(tmp_path: Path, log: Pat
     with pytest.raises(LogError, match="what is read"):
         to_table([log], tmp_path / "alias.csv")
     assert replay(log).identical
+
+
+def test_commands_to_actuators_go_to_a_table_and_back_to_the_same_run(tmp_path: Path) -> None:
+    scene, log, again = (tmp_path / name for name in ("scene.yaml", "run.mcap", "again.mcap"))
+    scene.write_text(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, frames: {jet: {position: [0, 0.1, 0]}}}\n"
+        "actuators:\n"
+        "  - {type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 1.0e-3, command: torque, max_torque: 1}\n"
+        "  - {type: thruster, name: jet, frame: jet, force: 0.5, command: on_time}\n"
+        "duration: 2\noutput_rate: 10\n"
+    )
+    given = [("wheel", 0.1 / 3.0, 0), ("jet", 0.7, 10**9), ("wheel", -0.2, 1_300_000_001)]
+    commands = [(f"{name}/command", Setpoint(value, at)) for name, value, at in given]
+    simulate(scene, commands, [McapSink(log)])
+
+    table, back = tmp_path / "run.actuators.csv", tmp_path / "back.mcap"
+    assert to_table([log], tmp_path / "run.csv")[1:] == [(table, 3, "commands to actuators")]
+    with table.open(newline="") as file:
+        rows = [(row["topic"], float(row["command"]), row["unit"]) for row in csv.DictReader(file)]
+    units = {"wheel": "N m", "jet": "s"}
+    assert rows == [(f"{name}/command", value, units[name]) for name, value, _ in given]
+
+    assert table_to_bag(table, back) == 3
+    assert command("simulate", scene, "--wrench", back, "--mcap", again).returncode == 0
+    states = [read_bag(each).metadata["rb_dynamics.result"]["states_sha256"] for each in (log, again)]
+    assert states[0] == states[1]
+    table.write_text("time_ns,command\n0,1\n")
+    with pytest.raises(LogError, match="line 2, topic: found '', expected a ROS topic name"):
+        table_to_bag(table, back)

@@ -1,13 +1,14 @@
 """Write a log in another format, chosen by the name of OUT: a Rerun recording, a CSV or a Parquet table, or its scene.
 
-A table has one line per logged sample, with all digits; the wrench commands go to a second file, with .wrenches before
-the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source, topic,
-type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in the
-column run or source where each row comes from. The scene is the text in the log, which can be run again or edited; with
---at S, it continues from the state at S with the same bits. Bags and logs become one MCAP file, each message byte for
-byte, with --from and --to a part; it is a bag, which replay does not accept. A log and one that continues it (--at)
+A table has one line per logged sample, with all digits; commands go to files beside it, with .wrenches or .actuators
+before the ending of OUT. Of a bag of another program, or of named topics, a table has one line per message: source,
+topic, type, frames, log time, stamp, and the quantities with their units. Several inputs make one table, which says in
+the column run or source where each row comes from. The scene is the text in the log, which can be run again or edited;
+with --at S, it continues from the state at S with the same bits. Bags and logs become one MCAP file, each message byte
+for byte, with --from and --to a part; it is a bag, which replay does not accept. A log and one that continues it (--at)
 become the log of the whole run. A CSV of wrenches (time_ns or time_s, force_x ... torque_z, and topic and frame_id if
-needed) becomes an MCAP bag for simulate --wrench. An earlier OUT is replaced.
+needed) or of commands to actuators (time_ns or time_s, topic, command) becomes an MCAP bag for simulate --wrench. An
+earlier OUT is replaced.
 
 Exit codes: 0 done; 1 what could not be read, some of several inputs or some messages, is left out and named; 2 bad
 input.
@@ -33,14 +34,14 @@ if TYPE_CHECKING:
 
 _TABLES = (("log", ".csv"), ("log", ".parquet"))
 
-HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, bags or a .csv of wrenches as .mcap"
+HELP = "write a log as .rrd, .csv or .parquet, its scene as .yaml, bags or a .csv of commands as .mcap"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument(
         "source", metavar="IN", nargs="+",
-        help="log of a run or any bag (file or rosbag2 folder), or .csv of wrenches; several give one table",
+        help="log of a run or any bag (file or rosbag2 folder), or .csv of commands; several give one table",
     )  # fmt: skip
     parser.add_argument("target", metavar="OUT", help="name that ends in .rrd, .csv, .parquet, .yaml or .mcap")
     parser.add_argument(
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         raise LogError(
             f"cannot convert {source.name} to {target.name}, expected a log to .rrd, .csv, .parquet or .yaml, a "
-            "bag to .rrd, .csv, .parquet or .mcap, or a .csv of wrenches to .mcap; give OUT such an ending"
+            "bag to .rrd, .csv, .parquet or .mcap, or a .csv of commands to .mcap; give OUT such an ending"
         )
     for path, count, what in written:
         print(f"wrote {path}: {count} {what}")
