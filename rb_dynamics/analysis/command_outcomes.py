@@ -6,7 +6,8 @@ It is derived only from the messages and the scene in the log, so it works offli
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import RecordedWrench, Track
@@ -25,14 +26,14 @@ class CommandOutcomes:
         timeouts: drops to zero without a command, outside missing pieces.
         timed_out_ns: time of the first; None without any.
         rejected: number of rejected commands.
-        undeclared: their frames that the scene does not declare.
+        undeclared: of those, how many are in each frame that the scene does not declare.
     """
 
     applied: int
     timeouts: int | None = None
     timed_out_ns: int | None = None
     rejected: int | None = None
-    undeclared: tuple[str, ...] = ()
+    undeclared: Mapping[str, int] = field(default_factory=dict)
 
 
 def outcomes_of(
@@ -82,8 +83,8 @@ def outcomes_of(
         timeouts=len(drops) if _known(track, drops) and not channel.lag else None,
         timed_out_ns=drops[0] if drops and not channel.lag else None,
         rejected=None if declared is None else len(refused) + len(too_large),
-        undeclared=tuple(
-            sorted({each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each))})
+        undeclared=Counter(
+            sorted(each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each)))
         ),
     )
 

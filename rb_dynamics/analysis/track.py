@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias, TypeVar
 
@@ -255,7 +255,7 @@ def largest(rows: Array) -> float:
     return max((float(sizes_of(part).max()) for part in in_blocks(rows)), default=0.0)
 
 
-def frame_names(frames: Sequence[str]) -> str:
+def frame_names(frames: Iterable[str]) -> str:
     """Return names of frames as text, the empty one in quotes."""
     return ", ".join(frame or '""' for frame in frames)
 

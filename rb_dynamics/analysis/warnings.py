@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rb_dynamics.analysis.checks import cut, missing
@@ -26,7 +26,7 @@ class ChannelHistory:
         timeouts: number of drops to zero.
         timed_out_s: time of the first, s as t in the output.
         rejected: number of rejected commands.
-        undeclared: their frames that the scene does not declare.
+        undeclared: of those, how many are in each frame that the scene does not declare.
         late: number of commands that arrived after their stamp.
         superseded: number of commands that came after a newer one had taken effect; they are not in the log.
         lost: number of commands lost by the middleware.
@@ -46,7 +46,7 @@ class ChannelHistory:
     timeouts: int | None
     timed_out_s: float | None
     rejected: int | None
-    undeclared: tuple[str, ...]
+    undeclared: Mapping[str, int]
     late: int | None
     superseded: int | None
     lost: int | None
@@ -112,8 +112,9 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
                 f"{channel.topic} received no more commands: the last one, at t = {channel.last_s:.6g} s, was held for "
                 f"the remaining {channel.held_s:.6g} s; before, they came every {channel.usual_s:.3g} s."
             )
-        frames = frame_names(channel.undeclared)
-        unknown = f" (the scene declares no frame {frames})" if frames else ""
+        frames, strange = frame_names(channel.undeclared), sum(channel.undeclared.values())
+        some = "" if strange == channel.rejected else f"{strange} of them as "
+        unknown = f" ({some}the scene declares no frame {frames})" if frames else ""
         for count, what in (
             (channel.rejected, f"rejected and had no effect{unknown}"),
             (channel.late, "late and took effect at once"),

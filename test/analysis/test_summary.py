@@ -582,9 +582,12 @@ def test_rejected_commands_are_told_of_an_offline_run_and_are_no_timeouts(flown:
     (thrust,) = (channel for channel in summary.channels if channel.topic == "/thrust")
     assert (thrust.received, thrust.applied, thrust.rejected, thrust.timeouts) == (5, 3, 2, 3)
     assert thrust.timed_out_s == pytest.approx(0.7)
-    assert thrust.undeclared == ("bdoy", "wrold")
+    assert thrust.undeclared == {"bdoy": 1, "wrold": 1}
     said = "/thrust: 2 commands rejected and had no effect (the scene declares no frame bdoy, wrold)."
     assert said in summary.warnings
+    mixed = summary_of(flown([*MISTAKEN, ("thrust", Wrench((math.inf, 0.0, 0.0), stamp_ns=100_000_000))]).log)
+    told = "/thrust: 3 commands rejected and had no effect (2 of them as the scene declares no frame bdoy, wrold)."
+    assert told in mixed.warnings
     assert "/thrust timed out 3×, first at t = 0.7 s." in summary.warnings
 
 
@@ -592,8 +595,8 @@ def test_a_command_that_is_not_finite_is_rejected_whatever_its_frame(flown: Call
     bad = ("push", Wrench((math.nan, 0.0, 0.0), frame_id="body", stamp_ns=100_000_000))
     summary = summary_of(flown([*COMMANDS, bad]).log)
     assert [(c.received, c.applied, c.rejected, c.undeclared) for c in summary.channels] == [
-        (3, 2, 1, ()),
-        (1, 1, 0, ()),
+        (3, 2, 1, {}),
+        (1, 1, 0, {}),
     ]
     assert "/push: 1 command rejected and had no effect." in summary.warnings
 

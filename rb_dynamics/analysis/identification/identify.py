@@ -18,7 +18,7 @@ from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.coloured_noise import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
-from rb_dynamics.analysis.identification.flights import Flight, read_flight
+from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
@@ -408,12 +408,14 @@ def _default(flights: Sequence[Flight]) -> tuple[str, ...]:
     return ("inertia", "inertia_ratios", "mass", "center_of_mass", "initial", *(["gyro_bias"] if gyro else []))
 
 
-def _coloured(residuals: Sequence[Residuals]) -> list[str]:
+def _coloured(residuals: Sequence[Residuals], fit: Sequence[str]) -> list[str]:
     names = ", ".join(f"{each.topic} {each.kind}" for each in residuals)
     note = (
         f"residuals of {names} are not white: the noise is coloured, or something acts that the scene does not have. "
         "All intervals are doubled for that"
     )
+    if "gyro_scale" not in fit and any(each.kind == RATES for each in residuals):
+        note += "; a scale of the gyro is not looked for, and may move them by more: fit it with gyro_scale, too"
     return [note] if residuals else []
 
 
@@ -477,7 +479,7 @@ class _Report:
             principal_errors=(first, second, third),
             notes=(
                 *(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
-                *_coloured([each for each in self.residuals if each.explained and not each.white]),
+                *_coloured([each for each in self.residuals if each.explained and not each.white], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),
         )

@@ -61,8 +61,14 @@ def _reference(trial: Excerpt, end: float, after: Callable[[], None]) -> tuple[R
         found[solver.method] = solver, run.sample
         return run.time, ""
 
-    for name in _FAMILIES:
-        if METHODS[name].takes >= trial.scene.combined_effects.takes and len(found) < 2:
+    able = [name for name in _FAMILIES if METHODS[name].takes >= trial.scene.combined_effects.takes]
+    if len(able) < 2:
+        raise ConvergenceError(
+            f"{trial.scene.source}: trade compares two methods, and only {able[0]} takes "
+            f"{', '.join(trial.scene.combined_effects.varying)}; leave these out of the scene, or ask explain"
+        )
+    for name in able:
+        if len(found) < 2:
             refinement = Refinement(name, settings_of(name, _ACCURACIES), growth=1.5)
             trial.warm_up(refinement.settings[0])
             # At most half of the time left, so that another method can be tried.

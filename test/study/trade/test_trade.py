@@ -456,3 +456,11 @@ def test_text_says_in_a_line_what_was_left_out(free_trade: Trade) -> None:
     found = replace(free_trade, ended={"one": why, "two": "its time was up", "three": "its time was up"})
     lines = [line for line in as_text(found).splitlines() if line.startswith("left out")]
     assert lines == ["left out    one: a torque acts", "left out    two, three: its time was up"]
+
+
+def test_a_scene_that_one_method_takes_is_refused_at_once() -> None:
+    """Only dop853 takes wheels: nothing can check it, however much time is given."""
+    wheel = "actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, speed: 10}]"
+    scene = parse_scene(f"body: {{mass: 1, inertia: {{diagonal: [1, 2, 3]}}}}\nduration: 1\n{wheel}\n")
+    with pytest.raises(ConvergenceError, match="only dop853 takes reaction_wheel; leave these out"):
+        trade(scene, time_s=1.0)
