@@ -100,10 +100,9 @@ class _Mark:
 class McapWriter:
     """Writes one file of profile `ros2`; zstd where it is installed."""
 
-    def __init__(self, file: OutputFile, library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(self, file: OutputFile, library: str) -> None:
         """Prepare to write `file`; `library` names the software that writes."""
         self._file = file
-        self._chunk_bytes = chunk_bytes
         self._compression, self._compress = _compression()
         self._written = _Written()
         self._schemas: dict[Schema, int] = {}
@@ -161,7 +160,7 @@ class McapWriter:
             chunk += data
         self._start_time = min(self._start_time, log_time)
         self._end_time = max(self._end_time, log_time)
-        if len(chunk) >= self._chunk_bytes:
+        if len(chunk) >= CHUNK_BYTES:
             self.end_chunk()
 
     def add_pieces(
@@ -182,7 +181,7 @@ class McapWriter:
         ends, begin = np.cumsum(sizes), 0
         while begin < len(pieces):
             written = int(ends[begin] - sizes[begin]) - len(self._chunk)
-            full = int(ends.searchsorted(written + self._chunk_bytes))
+            full = int(ends.searchsorted(written + CHUNK_BYTES))
             end = min(full + 1, len(pieces))
             offsets = ends[begin:end] - sizes[begin:end] - written
             self._chunk += b"".join(pieces[begin:end])

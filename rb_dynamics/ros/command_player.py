@@ -9,7 +9,6 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, Vector3, WrenchStamped
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -44,9 +43,9 @@ def wrench_player(topics: Sequence[str]) -> Iterator[WrenchPlayer]:
 class WrenchPlayer(Node):
     """Plays wrench commands in the order of their stamps, never far ahead of the node."""
 
-    def __init__(self, topics: Sequence[str], node_name: str = "rigid_body", context: Context | None = None) -> None:
-        """Prepare to publish `topics` and to read `pose` and `twist` of the node `node_name`."""
-        super().__init__("wrench_player", context=context)
+    def __init__(self, topics: Sequence[str]) -> None:
+        """Prepare to publish `topics` and to read `pose` and `twist` of the node."""
+        super().__init__("wrench_player")
         self.poses: Poses = {}
         self.twists: Twists = {}
         self._newest_pose = self._newest_twist = -1
@@ -57,8 +56,8 @@ class WrenchPlayer(Node):
             self.create_subscription(PoseStamped, "pose", self._on_pose, QoSProfile(depth=_DEPTH)),
             self.create_subscription(TwistStamped, "twist", self._on_twist, QoSProfile(depth=_DEPTH)),
         ]
-        self._step = self.create_client(Trigger, f"{node_name}/step")
-        self._executor = SingleThreadedExecutor(context=context)
+        self._step = self.create_client(Trigger, "rigid_body/step")
+        self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 
     def play(

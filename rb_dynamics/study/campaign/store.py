@@ -215,7 +215,7 @@ class Store:
         return sorted((int(match[1]), int(match[2])) for match in matches if match)
 
 
-def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) -> Columns:
+def read_rows(path: str | os.PathLike[str]) -> Columns:
     """Return the rows of a complete campaign: arrays by column name, and a list of texts for `error`.
 
     Raises:
@@ -223,7 +223,7 @@ def read_rows(path: str | os.PathLike[str], columns: list[str] | None = None) ->
         MissingExtraError: pyarrow is not installed.
     """
     with _readable(path, _NO_ROWS):
-        table = _parquet().read_table(path, columns=columns)
+        table = _parquet().read_table(path)
     return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
 
 

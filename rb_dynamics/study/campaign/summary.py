@@ -152,6 +152,8 @@ class CampaignSummary:
 
 
 MOST_FAILURES = 1000
+# Failures of each kind that the text shows.
+_SHOWN = 5
 
 _RUNS_AN_INPUT = 10
 
@@ -334,9 +336,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(
-    campaign: Campaign, summary: CampaignSummary, options: Sequence[str] = (), rows: str = "", most: int = 5
-) -> str:
+def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str] = (), rows: str = "") -> str:
     """Return the summary as text; `options` as in `rerun_commands`, `rows` is the file with all runs."""
     lines = [
         f"runs        {summary.runs}, seed {campaign.seed}, {campaign.sampling.replace('_', ' ')}",
@@ -366,14 +366,14 @@ def as_text(
     if few := few_runs(campaign, summary):
         lines.append(f"note        {few}")
     place = rows or "the rows"
-    lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:most]]
-    if summary.not_flown > most:
-        lines.append(f"            {most} of {summary.not_flown} shown; all in {place}, where error is not empty")
+    lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:_SHOWN]]
+    if summary.not_flown > _SHOWN:
+        lines.append(f"            {_SHOWN} of {summary.not_flown} shown; all in {place}, where error is not empty")
     if summary.failed:
         failed = summary.runs - summary.passed
-        some = f" ({most} of {failed} shown; all in {place}, where passed is false)" if failed > most else ""
+        some = f" ({_SHOWN} of {failed} shown; all in {place}, where passed is false)" if failed > _SHOWN else ""
         lines.append(f"failed      {failed}; to fly one again with a full log{some}:")
-    lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:most], options)]
+    lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:_SHOWN], options)]
     return "\n".join(lines)
 
 
