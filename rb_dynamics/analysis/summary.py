@@ -29,7 +29,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track,
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
-from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, VECTOR
+from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, TRANSFORMS, VECTOR
 from rb_dynamics.formats.topic_messages import KEPT, Topic
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WrenchFrames
@@ -324,6 +324,10 @@ def _use(uses: Mapping[str, str], topic: Topic) -> str:
         return "(no messages)"
     if topic.type_name == DIAGNOSTICS:
         return "health"
+    if topic.type_name == TRANSFORMS:
+        # Each pair of frames on it is a topic of its own.
+        used = dict.fromkeys(use for name, use in uses.items() if name.startswith(f"{topic.name} "))
+        return ", ".join(used) or "(another used)"
     if topic.type_name in (VECTOR, SCALAR):
         return "(other name)"
     return "(another used)" if topic.type_name in KEPT else "(other type)"

@@ -224,6 +224,16 @@ def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:
         recorded(one, two)
 
 
+def test_the_topic_of_transforms_is_used_for_what_its_frames_are() -> None:
+    rows = [("/tf", TF, t, transforms([transform(t, "map", "base", row)])) for t, row in zip(TIMES, POSES, strict=True)]
+    assert uses_of(rows) == {"/tf": "pose", "/tf map:base": "pose"}
+    assert uses_of(rows, VICON)["/tf"] == "(another used)"
+
+
+def uses_of(*parts: Any) -> dict[str, str]:
+    return {topic.name: topic.use for topic in inspect_of(parts).summary.topics}
+
+
 def test_what_is_named_like_a_command_is_no_measurement() -> None:
     cmd = rows_of("/cmd_vel", "geometry_msgs/msg/Twist", [twist(row) for row in TWISTS])
     track = recorded(VICON, cmd)
