@@ -147,7 +147,7 @@ def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli.output import show
-    from rb_dynamics.study.campaign.single_run import rerun
+    from rb_dynamics.study.campaign.repeated_run import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
     found = rerun(campaign, args.rerun, log, out)

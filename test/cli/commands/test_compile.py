@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rb_dynamics.cli import main
-from rb_dynamics.motion.kernels import all_kernels, usual_kernels
+from rb_dynamics.motion.kernels_to_compile import all_kernels, usual_kernels
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
 
