@@ -98,8 +98,8 @@ not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behavio
 """
 
 OF_SCENE = """\
-Each actuator of the scene hears `<name>/command` (`std_msgs/msg/Float64`), and all reaction wheels are in `wheels`
-(`sensor_msgs/msg/JointState`). Each sensor publishes on its name: [scene](scene.md#sensors).
+Each actuator of the scene is commanded on `<name>/command` (`std_msgs/msg/Float64`); `wheels` has the speeds of all
+reaction wheels (`sensor_msgs/msg/JointState`). Each sensor publishes on its name: [scene](scene.md#sensors).
 """
 
 PARAMETERS = """\

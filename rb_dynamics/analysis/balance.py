@@ -20,7 +20,7 @@ from rb_dynamics.logs.messages import SET_STATE
 from rb_dynamics.numerics.growing_array import give_back, stored
 
 Blocks: TypeAlias = Callable[[], Iterator[Array]]
-"""Gives rows in blocks, each time anew: of a long log they take as much memory as the log."""
+"""Returns rows in blocks, computed anew at each call, because those of a long log would take as much memory as it."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     if not len(series.time_ns) or not track.acted:
         return None
     time_ns, count = series.time_ns, len(series.time_ns)
-    # What is zero throughout takes no memory.
+    # A series that is zero throughout takes no memory.
     error, idle = np.zeros(count), np.ones(count, dtype=bool)
     peak, sums, first = largest(series.values), np.zeros((1, 3)), 0
     for part in impulse_blocks(track, kind, time_ns):
@@ -151,7 +151,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     good &= ~moved
 
     def turning() -> Iterator[tuple[Array, Array]]:
-        """Yield the two parts of the impulse, of that by quadrature what is good enough."""
+        """Yield the two parts of the impulse; of that by quadrature, only what is accurate enough."""
         first = 0
         for part in impulse_blocks(track, kind, time_ns):
             part.turning[~good[first : first + len(part.error)]] = 0.0
@@ -179,7 +179,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
 
 def _smallest(errors: Array, accepted: float) -> NDArray[np.bool_]:
     """Return which of the errors, from the smallest on, have a sum of at most `accepted`."""
-    # Where all of them have, they need not be sorted; by another order of the sum it may differ by rounding.
+    # If all of them do, no sorting is needed; the sum may differ by rounding, because of its order.
     if float(errors.sum()) <= (1.0 - 1e-6) * accepted or not errors.any():
         return np.full(len(errors), accepted >= 0.0)
     least_first = np.argsort(errors, kind="stable")

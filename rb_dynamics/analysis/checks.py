@@ -26,7 +26,7 @@ BOUND = 1e-6
 _APART = 1.0
 # Topics of ROS and of its recorder do not show when a recording begins and ends.
 _OF_ROS = ("rcl_interfaces/", "rosbag2_interfaces/")
-# Largest pause between files of one recording, at least, and ten times the longest pause within; s.
+# Pause (s) between files of one recording that is always accepted; so is ten times the longest pause within a file.
 _FOLLOWS = 10.0
 
 
@@ -107,7 +107,7 @@ def missing(track: Track) -> str:
 
 
 def _motion(track: Track) -> list[TimeSeries]:
-    """Return pose and twist; of two from one topic, whose rows are left out apart, that which lacks more."""
+    """Return pose and twist; if both are from one topic, only the one that lacks more rows."""
     found: dict[str, TimeSeries] = {}
     for series in (track.pose, track.twist):
         if series is not None and (series.topic not in found or series.left_out > found[series.topic].left_out):
@@ -190,13 +190,13 @@ def _continuous(track: Track, found: Continuity) -> Check:
         size = f"{np.rad2deg(went.size):.4g}°" if went.turns else f"{went.size:.4g} m"
         often = f"in {100.0 * went.share:.3g} % of the samples, by {size} in the median"
         pose = "attitude" if went.turns else "position"
-        return Check(name, False, f"the {pose} goes away and comes back {often}: {what}")
+        return Check(name, False, f"the {pose} jumps away and back {often}: {what}")
     if found.jumps:
         largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
         shown = [jump for jump in found.jumps if jump in largest][:NAMED]
         return Check(name, False, listed([_jump(track, jump) for jump in shown], len(found.jumps)))
     if found.turn >= FARTHEST:
-        far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so that a jump cannot be told"
+        far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so a jump cannot be detected"
         return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
     return Check(name, True, "neither in attitude nor in position")
 
@@ -214,7 +214,7 @@ def _one_body(track: Track, others: Sequence[Other]) -> Check:
     apart = [f"{o.topic} by {o.distance:.4g} m and {np.rad2deg(o.angle):.4g}°" for o in unlike or others]
     what = f"differ in the median from {topic}: {listed(apart[:NAMED], len(apart))}"
     if unlike:
-        return Check(name, False, f"they move otherwise, and {what}; two bodies, or one of them is wrong")
+        return Check(name, False, f"they move differently, and {what}; two bodies, or one of them is wrong")
     why = "they move alike, as do estimates of one body with drift, noise or another origin, and bodies side by side"
     return Check(name, True, f"not judged; {why}; they {what}", judged=False, share=0.0)
 
@@ -270,7 +270,9 @@ def balanced(track: Track, balance: Balance, bound: float) -> Check:
     known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
     if balance.relative > bound and balance.noise is not None and not balance.noise.beyond:
         told = bool(balance.noise.sizes)
-        than = "no more than the noise of the recording" if told else "not judged: too few samples to tell noise"
+        than = (
+            "no more than the noise of the recording" if told else "not judged: too few samples to estimate the noise"
+        )
         detail = f"{worst}, relative {balance.relative:.3g}: {than}{known}"
         return Check(name, True, detail, told, balance.covered if told else 0.0)
     detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}{known}"

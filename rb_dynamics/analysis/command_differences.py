@@ -49,10 +49,10 @@ class CommandDifference:
 def command_differences(
     a: Track, b: Track, alignment: Alignment, span_ns: tuple[int, int]
 ) -> tuple[list[CommandDifference] | None, list[str]]:
-    """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two does not tell.
+    """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two has no commands.
 
-    Channels of one name belong together, and those of which a log says that the topic drove the channel; if one is left
-    on each side, so do these. A difference that an uncertain lag may make is none.
+    Channels of one name belong together, and so do a topic and the channel that it drove according to a log; if one is
+    left on each side, these two. A difference that the uncertainty of the lag may cause does not count.
     """
     unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
     if unknown:
@@ -65,7 +65,7 @@ def command_differences(
         (mine,), (its,) = left
         pairs = [pair for pair in pairs if pair[0] not in (mine, its)] + [(mine, one[mine], other[its])]
         told.append(f"The commands on {mine} in A are compared with those on {its} in B.")
-    # A time since 1970 in seconds, as Python has it, is good to less than a microsecond.
+    # As a float, a time since 1970 in seconds is accurate to less than a microsecond.
     tolerance_ns = 1000 if alignment.by == "seconds" else 0
     if alignment.uncertainty_s is not None:
         intervals = [np.diff(steps.time_ns) for each in (one, other) for steps in each.values()]
@@ -82,7 +82,7 @@ def command_differences(
     found, uncompared = [], []
     for name, x, y in pairs:
         times = None
-        # One on which nothing ever acted says so at all times.
+        # A channel on which nothing ever acted is known at all times.
         if x and y and len(x.time_ns) and len(y.time_ns) and sampled & {x.topic, y.topic}:
             times = _common_times(x, y, alignment.offset_ns, span_ns)
             if tolerance_ns or not len(times):
@@ -105,7 +105,7 @@ def command_differences(
 
 
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
-    """Return the wrenches by channel; topics of a bag by the channel that they drove in what was `flown` from it."""
+    """Return the wrenches by channel; topics of a bag by the channel that they drove in the run `flown` from it."""
     driven = {} if track.own else driven_of(flown.bag.metadata)
     channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
     names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.acting]
@@ -123,7 +123,7 @@ def _sampled(track: Track) -> set[str]:
 
 
 def _common_times(a: RecordedWrench, b: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> Times:
-    """Return the times within `span_ns` at which both say what acted, by the clock of A."""
+    """Return the times within `span_ns` at which both wrenches are known, by the clock of A."""
     times = np.intersect1d(a.time_ns, b.time_ns - offset_ns)
     acted = a.topic.endswith(APPLIED) and b.topic.endswith(APPLIED)
     return times[(times >= span_ns[0]) & (times < span_ns[1]) & acted]

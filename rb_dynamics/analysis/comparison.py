@@ -34,15 +34,15 @@ UNITS = {
     "linear_momentum": "kg m/s",
     "kinetic_energy": "J",
 }
-"""Of each quantity that is compared."""
+"""Units of the quantities that are compared."""
 
 MOTION = ("attitude", "position", "angular_velocity", "linear_velocity")
-"""Those that `--bound` judges."""
+"""The quantities that `--bound` applies to."""
 
 Bound: TypeAlias = "float | Mapping[str, float]"
 """Largest difference accepted: in every quantity of `MOTION`, or in each that is named; rad, m, rad/s, m/s."""
 
-# So many samples of the coarser recording in a row without a stamp of both are compared too, by interpolation.
+# Number of consecutive samples of the coarser recording without a common stamp that are compared by interpolation.
 _RARE = 10
 # A sample without a stamp of both is compared, too, if it differs by more than so many times what interpolation adds.
 _EXPLAINED = 4.0
@@ -63,11 +63,11 @@ class Difference:
         first: values of A, a row for each time.
         second: values of B.
         size: magnitude of the differences; of attitudes the angle (rad).
-        first_ns: earliest time at which they differ by as much as a bit; None if they do not.
-        first_recorded_ns: the same of the times at which both have a sample.
-        interpolated: at how many of the times one of the two is interpolated.
-        interpolation: about the largest error that this makes; 0 if nothing is interpolated.
-        recorded: the samples of A and of B in the time that both cover, by the clock of A, each with its own gaps.
+        first_ns: earliest time at which they differ at all, even by a bit; None if they do not.
+        first_recorded_ns: the same among the times at which both have a sample.
+        interpolated: number of times at which one of the two is interpolated.
+        interpolation: approximate largest error of the interpolation; 0 if nothing is interpolated.
+        recorded: times of the samples of A and of B in the time that both cover, by the clock of A.
     """
 
     name: str
@@ -121,12 +121,12 @@ class Difference:
 
 @dataclass(frozen=True)
 class Side:
-    """What is known about one of the two, for the reader.
+    """Facts about one of the two flights, for the reader.
 
     Attributes:
         path: of the log or bag.
-        own: logged by this package.
-        flown: for the comparison, from a scene; the path is that of the scene.
+        own: whether it was logged by this package.
+        flown: whether it was simulated for the comparison; the path is then that of the scene.
         span_s: first and last time of its motion, s as in the output.
         body: mass properties; None if unknown.
     """
@@ -156,13 +156,13 @@ class Comparison:
         compared_s: time that both cover without a gap.
         length_s: time that the longer of the two covers, within what was asked for.
         not_compared: what was not compared, one sentence each.
-        commands: channels whose commands differ; None if one of the two does not tell.
-        body: mass properties that differ: name, value of A, value of B; None if one of the two does not tell.
+        commands: channels whose commands differ; None if one of the two has none recorded.
+        body: mass properties that differ: name, value of A, value of B; None if those of one are not known.
         run: facts of two runs of this package that differ, likewise.
-        notes: what a reader should know, one sentence each.
+        notes: further remarks, one sentence each.
         bound: largest difference accepted in each quantity of the motion, or in those that it names; None: nothing is
             judged.
-        least_share: least part of the longer one that is to be compared.
+        least_share: least fraction of the longer flight that must be compared.
     """
 
     a: Side
@@ -183,19 +183,19 @@ class Comparison:
 
     @property
     def share(self) -> float:
-        """The part of the longer one, 0 to 1, over which each quantity that is judged is compared; or the motion."""
+        """Fraction of the longer flight over which every judged quantity, or else the motion, is compared."""
         judged = [each for name in self.limits or MOTION if (each := self.differences.get(name)) is not None]
         least = min((each.compared_s for each in judged), default=0.0)
         return least / self.length_s if least < self.length_s else 1.0
 
     @property
     def samples(self) -> int:
-        """At how many times the motion is compared."""
+        """Number of times at which the motion is compared."""
         return max((len(self.differences[name].size) for name in MOTION if name in self.differences), default=0)
 
     @property
     def first_ns(self) -> int | None:
-        """When the motions first differ, by as much as a bit; None if they do not."""
+        """First time at which the motions differ, even by a bit; None if they do not."""
         found = [each.first_ns for name, each in self.differences.items() if name in MOTION]
         return min((first for first in found if first is not None), default=None)
 
@@ -208,13 +208,13 @@ class Comparison:
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """Quantities that differ by more than their bound, or have one although they are not in both."""
+        """Quantities that exceed their bound, or have a bound but are not in both recordings."""
         found = self.differences
         return tuple(name for name, most in self.limits.items() if name not in found or found[name].max > most)
 
     @property
     def passed(self) -> bool:
-        """Whether every quantity that has a bound is known to be within it, over as much of the time as was asked."""
+        """Whether every quantity with a bound is known to be within it, over enough of the time."""
         return not self.beyond and self.share >= self.least_share
 
     def seconds(self, time_ns: Times | int) -> Any:
@@ -296,7 +296,7 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         return None
     begin, end = max(a.time_ns[0], b.time_ns[0]), min(a.time_ns[-1], b.time_ns[-1])
     within = [signal.time_ns[(signal.time_ns >= begin) & (signal.time_ns <= end)] for signal in (a, b)]
-    # The same choice whichever of the two comes first.
+    # The choice does not depend on which of the two comes first.
     a_coarse = (len(within[0]), within[0].tolist()) <= (len(within[1]), within[1].tolist())
     coarse, fine = (within[0], b) if a_coarse else (within[1], a)
     common = np.intersect1d(a.time_ns, b.time_ns)
@@ -313,7 +313,7 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         _take_worst(signal, times, rows, others)
     size = np.linalg.norm(differences(first, second), axis=1)
     interpolated = ~np.isin(times, common)
-    # Bits that differ may be too small for the difference.
+    # The difference of values that differ in a bit may underflow to 0.
     other = (first != second).any(axis=1)
     if a.turns:
         other &= (first != -second).any(axis=1)
@@ -359,7 +359,7 @@ def _first(times: Times, marked: NDArray[np.bool_]) -> int | None:
 def _compared(common: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which samples are compared: those at stamps of both, and all where these are rare.
 
-    Clocks may agree for a while only: what follows would otherwise be left out.
+    Stamps may agree for a while only; without interpolation the rest would be left out.
     """
     edges = np.diff(common.astype(np.int8), prepend=1, append=1)
     begins, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
@@ -372,7 +372,7 @@ def _compared(common: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Given:
-    """One of two flights to compare: its track, where it comes from, and whether it was flown for the comparison."""
+    """One of two flights to compare: its track, its source, and whether it was simulated for the comparison."""
 
     track: Track
     path: str
@@ -388,12 +388,12 @@ def compare_tracks(
     more: Sequence[str] = (),
     least_share: float = 0.0,
 ) -> Comparison:
-    """Return how two flights differ whose times belong together as `alignment` says.
+    """Return how two flights differ; `alignment` relates their times.
 
     Args:
         a: the first flight.
         b: the second.
-        alignment: how their times belong together.
+        alignment: relation between their times.
         bound: largest difference accepted in each quantity of the motion, or in those that it names.
         window_s: first and last time to compare, as in the output; None: all.
         more: notes to add.
@@ -443,7 +443,7 @@ def compare_tracks(
 
 
 def _clock(a: Given, b: Given, alignment: Alignment, one: MotionSignals) -> tuple[int, str]:
-    """Return A's time from which the output counts, and what that is."""
+    """Return the time of A from which output times count, and its description."""
     if a.track.own:
         return 0, "simulation time of A"
     if b.track.own:
@@ -477,7 +477,7 @@ def _nothing(
         left_out = "leave out --align for the lag that fits best, or " if by else ""
         return (
             f"{found}{clocks}, expected a time that both have; {left_out}say how they belong together with --align "
-            "start or --align SECONDS, B's time less A's"
+            "start or --align SECONDS, the time of B minus that of A"
         )
     if window_s != (None, None):
         return f"{found}, expected --from and --to within both; give them from {_told(begin)} to {_told(end)}"
@@ -513,7 +513,7 @@ def _left_out(
     span: tuple[int, int],
     zero_ns: int,
 ) -> tuple[float, list[str]]:
-    """Return the time that is compared, and what is not, in sentences."""
+    """Return the length of time that is compared, and sentences about what is not."""
     told = []
     for name, (in_a, in_b) in (
         ("attitude", (one.attitude, other.attitude)),
@@ -620,7 +620,7 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
         if good and attitude.rms > max(1e-12, 4.0 * attitude.interpolation):
             axes = min(good, key=lambda name: good[name][2])
             vector, angle, rest = good[axes]
-            # Adding 0 makes -0 a 0.
+            # Adding 0 turns -0 into 0.
             direction = ", ".join(f"{part:g}" for part in np.round(vector / angle, 4) + 0.0)
             either = "; so are the axes of the other kind, as the body hardly turns" if len(good) > 1 else ""
             told.append(

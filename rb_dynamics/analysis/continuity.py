@@ -22,14 +22,14 @@ _AROUND = 3
 _TIMES, _SPREADS = 3.0, 10.0
 # Smaller changes are not jumps: rad; and as a fraction of the longest distance between two positions.
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
-# Two samples of one body and one of another come back at every third; one of the last few is as near as this.
+# If two samples of one body alternate with one of another, the pose returns at every third sample to within this.
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
 # Two topics of one frame show two bodies if they are this far apart in the median: rad, m, fraction of the extent.
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
-# They move alike if, between pairs of so many instants, both go equally far, up to this part of the usual distance.
+# They move alike if the distances between pairs of so many instants agree, to this fraction of the usual distance.
 _INSTANTS, _ALIKE = 40, 0.3
-# A frozen pose repeats itself so many times, and so much longer than usually; a twist above this (rad/s, m/s) is no
-# constant error of a sensor.
+# A frozen pose repeats itself this many times, and for this multiple of the usual time; a larger twist than this
+# (rad/s, m/s) is not a constant error of a sensor.
 _REPEATS, _MOVES = 10, 0.1
 # A larger rotation between samples is ambiguous; rad.
 FARTHEST = 0.5
@@ -63,7 +63,7 @@ class Returns:
 
 @dataclass(frozen=True)
 class Other:
-    """Another topic of the same frame in the same world, elsewhere.
+    """Another topic for the same frame in the same world that shows it at another place.
 
     Attributes:
         topic: as recorded.
@@ -88,9 +88,9 @@ class Continuity:
     Attributes:
         jumps: in order of time.
         turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
-        returns: if the pose is that of one of two bodies by turns, how often it comes back.
-        others: topics that describe the same frame, elsewhere.
-        frozen: first and last stamp of each time in which the pose does not change by a bit although the body moves.
+        returns: how often the pose returns, if it shows two bodies alternately.
+        others: topics that show the same frame at another place.
+        frozen: first and last stamp of each interval in which no bit of the pose changes although the body moves.
     """
 
     jumps: tuple[Jump, ...]
@@ -118,7 +118,7 @@ def continuity(track: Track) -> Continuity | None:
         moved = _changes(pose, turns=False)
         found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
         del moved
-    # A body that turns by half a turn between two samples comes back, too.
+    # A body that makes half a turn between samples returns, too.
     returns = _returns(pose, track.twist, turns=False) if placed and turn < FARTHEST else None
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
@@ -141,9 +141,9 @@ def _changes(pose: TimeSeries, *, turns: bool) -> Array:
 
 
 def _frozen(track: Track, jumps: Sequence[Jump]) -> tuple[tuple[int, int], ...]:
-    """Return when the pose repeats itself although the body moves: a jump ends it, or the twist says so.
+    """Return when the pose repeats itself although the body moves, as a jump at its end or the twist shows.
 
-    A pose that is measured seldom repeats itself, too, and so does that of a simulated body at rest.
+    A pose that is measured seldom also repeats itself, and so does that of a simulated body at rest.
     """
     pose, twist = track.pose, track.twist
     assert pose is not None
@@ -185,8 +185,8 @@ def _apart(one: Array, other: Array, *, turns: bool) -> Array:
 def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Returns | None:
     """Return how often, and from how far, a pose returns to one of its last places.
 
-    None if that is seldom, or if the twist explains it. With noise about one place, at most 25 % of the samples return
-    as near.
+    None if this is rare, or if the twist explains it. Noise about one place makes at most 25 % of the samples return as
+    closely.
     """
     sizes, start = [np.empty(0)], pose.time_ns[0]
     if known := twist is not None and len(twist.time_ns) > 0:
@@ -233,7 +233,7 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
 
 
 def _alike(one: Array, other: Array) -> bool:
-    """Return whether two poses at the same times make the same motion, whatever lies constantly between the two.
+    """Return whether two poses at the same times make the same motion, up to a constant offset.
 
     Moving positions or turning attitudes show it. If neither changes, nothing distinguishes two bodies.
     """
@@ -262,7 +262,7 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
     since = np.maximum(since, 1.0) * 1e-9
     gone = size[at]
     expected = np.maximum(_around(gone / since) * since, _around(gone))
-    # If a pose moves only once, or there and back, nothing shows the usual variation.
+    # If a pose moves only once, or there and back, its usual variation is not known.
     spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 else 0.0
     beyond = gone > np.maximum(_TIMES * expected + _SPREADS * spread, least)
     # A motion at the first or last samples may continue outside.

@@ -13,9 +13,10 @@ from rb_dynamics.analysis.track import Array, Times, in_blocks
 _GAP = 1.5
 # With uneven intervals: one or two lost messages are not a gap.
 _FAR = 5.0
-# A stream has at least so many samples; of its intervals but for a few, 99 in 100 are at most so many times the usual.
+# A stream has at least this many samples; apart from a few, 99 % of its intervals are at most this multiple of the
+# usual.
 _STREAM, _FEW, _EVEN = 100, 3, 5.0
-# It is silent if it pauses for so many of its usual intervals and so many seconds, for at most this part of its time.
+# It is silent if it pauses for this many usual intervals and this many seconds, for at most this fraction of its time.
 LONG_INTERVALS, LONG_S, _PART = 10.0, 1.0, 0.2
 # Number of gaps listed individually.
 NAMED = 5
@@ -62,7 +63,7 @@ def silences(time_ns: Times) -> NDArray[np.intp]:
 
 
 def told(time_ns: Times, start_ns: int) -> str:
-    """Return number and total length of the gaps, and the longest of them in order of time, from `start_ns`."""
+    """Return a description of the gaps: number, total length, and the longest in order of time, from `start_ns`."""
     steps = np.diff(time_ns)
     at = np.flatnonzero(steps > longest_usual(time_ns))
     if not len(at):
@@ -74,5 +75,5 @@ def told(time_ns: Times, start_ns: int) -> str:
 
 
 def listed(each: Sequence[str], count: int) -> str:
-    """Return `each` as a list, shortened if there are `count`."""
+    """Return `each` as text, shortened if there are `count`."""
     return "; ".join(each) + (f"; and {count - len(each)} more" if count > len(each) else "")

@@ -93,7 +93,7 @@ class ActuatorUse:
         kind: its `type` in the scene.
         unit: of its commands.
         commands: how many were received.
-        largest: the largest, either way, as it came.
+        largest: the command of largest size, as received.
         limited: how many its limits made smaller.
         rejected: how many it could not honour, such as an on-time that is too short.
     """
@@ -150,7 +150,7 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class Onboard:
-    """What wheels, actuators and sensors did; empty where the scene has none.
+    """What wheels, actuators and sensors did; empty if the scene has none.
 
     Attributes:
         wheels: their speeds.
@@ -205,7 +205,7 @@ def onboard(track: Track) -> Onboard:
 
 
 def pointing_error(track: Track, target_xyzw: Quaternion) -> TimeSeries | None:
-    """Return the angle (rad) from an attitude to that of the body; None where no attitude is recorded."""
+    """Return the angle (rad) from an attitude to that of the body; None if no attitude is recorded."""
     if track.pose is None:
         return None
     attitude = unit_rows(track.pose.values[:, 3:])

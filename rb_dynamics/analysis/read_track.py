@@ -429,7 +429,7 @@ class _TrackReader:
         if asked := self.choice.wrenches:
             topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name in asked]
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
-        # A bag of several bodies has what acted on each beside its pose.
+        # In a bag of several bodies, the wrenches on each body are next to its pose.
         applied = [topic for topic in applied if own or not self._distance(topic)] or applied
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
@@ -471,7 +471,7 @@ class _TrackReader:
     def _later(self, topic: str) -> int:
         """Return by how much (ns) the log times of a topic without stamps are later than the stamps of the motion.
 
-        What is of the same clock, but for the time that messages are under way, is left as it is.
+        Topics of the same clock, up to the transport delay, are left as they are.
         """
         motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
         stamped = next((name for name in motion if self.bag.topics[name].stamps_given), "")

@@ -20,7 +20,7 @@ from rb_dynamics.numerics.rotation_arrays import (
 
 Mask = NDArray[np.bool_]
 
-# A sample is an outlier if it is so many times the usual step of the samples about it away from all but two of its
+# A sample is an outlier if it is this many times the usual step of the samples about it away from all but two of its
 # neighbours on either side.
 _FAR, _NEIGHBOURS, _STEPS = 5.0, 3, 7
 

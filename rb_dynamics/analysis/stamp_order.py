@@ -20,7 +20,7 @@ class Disorder:
     Attributes:
         count: of all messages.
         odd: of messages out of order, without those of a run that begins again.
-        most_ns: by how much such a one is earlier than one before it, or later than the one behind it, at most.
+        most_ns: largest time by which such a stamp is earlier than one before it, or later than the one after it.
         first_ns: the first such stamp.
         restarts: last stamp of a run, and first of the next.
     """

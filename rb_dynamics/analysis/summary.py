@@ -260,7 +260,7 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
     if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:
         return "some quaternions are no attitude"
     if steady is not None and (steady.returns or not all(other.alike for other in steady.others)):
-        return "the recording tells of two bodies under one name"
+        return "the recording has two bodies under one name"
     if steady is not None and steady.frozen:
         return "the pose is frozen for a while"
     return "the pose jumps" if steady is not None and steady.jumps else ""
@@ -286,7 +286,7 @@ def _fitted_instead(track: Track) -> str:
     if pose is None or twist is None:
         why = f"no topic of a {'pose' if pose is None else 'twist'}"
     elif twist.partial:
-        why = f"{twist.topic} tells the angular velocity alone"
+        why = f"{twist.topic} has only the angular velocity"
     else:
         why = f"too few samples of {pose.topic} and {twist.topic} share a stamp at which the wrench is known"
     scene = track.body_from if track.body_from.endswith((".yaml", ".yml")) else "SCENE"
@@ -522,13 +522,13 @@ def _missing(track: Track) -> list[str]:
     if track.pose is None:
         lacks.append("No topic of a pose: position, attitude and everything in world axes are not known.")
     elif track.pose.partial:
-        lacks.append(f"{track.pose.topic} tells the attitude alone: the position is not known.")
+        lacks.append(f"{track.pose.topic} has only the attitude: the position is not known.")
     if track.twist is None:
         rest = "momenta and energy" if track.rates else "velocities, momenta and energy"
         lacks.append(f"No topic of a twist: {rest} are not known.")
     elif track.twist.partial:
         lacks.append(
-            f"{track.twist.topic} tells the angular velocity alone: velocity, linear momentum and energy are not known."
+            f"{track.twist.topic} has only the angular velocity: velocity, linear momentum and energy are not known."
         )
     if track.pose and track.twist and track.body is None and not track.momenta_from:
         lacks.append(

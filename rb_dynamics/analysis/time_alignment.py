@@ -23,7 +23,7 @@ _GRID = 1 << 16
 _OVERLAP = 0.5
 # A signal that changes less than this, relative to its size, cannot be aligned by.
 _FLAT = 1e-6
-# Rates of a pose that are rougher than this are taken over twice the interval, while so many remain.
+# Rates of a pose that are rougher than this are taken over twice the interval, while at least this many remain.
 _ROUGH, _LEAST = 0.05, 50
 # The best lag leaves at most this part of the usual difference; another one that leaves less than this many times what
 # the best leaves, or this part of the usual, is a rival.
@@ -49,8 +49,8 @@ class Alignment:
     """How two clocks are related: a time of B minus `offset_ns` is one of A.
 
     Attributes:
-        by: "stamp", "start", "seconds", "commands" (the bag from which A or B was flown) or "lag".
-        offset_ns: B's time less A's at one instant.
+        by: "stamp", "start", "seconds", "commands" (A or B was simulated under those of the other) or "lag".
+        offset_ns: time of B minus time of A at one instant.
         uncertainty_s: of a lag that was found; None otherwise.
         rival_s: another lag that fits about as well; None without.
         remaining: of a lag that was found, the difference that it leaves relative to the usual one, 0 to 1.

@@ -33,8 +33,8 @@ class TimeSeries:
     Attributes:
         topic: as recorded; "" if computed.
         time_ns: stamps, ascending; log times if messages have no stamp.
-        values: one row, or one number, per time; all finite and below `LARGEST`, but for columns that nothing measures,
-            such as the velocity beside the rates of a gyro: these are NaN throughout.
+        values: one row, or one number, per time; all finite and below `LARGEST`, except columns that nothing measures,
+            such as the velocity in addition to the rates of a gyro: these are NaN throughout.
         frame: the header's frame, "" if there is none.
         disorder: stamps that do not ascend in the file; None if all do.
         unusable: number of messages left out because a number in them is not finite or too large.

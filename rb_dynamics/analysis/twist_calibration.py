@@ -93,7 +93,7 @@ class TwistFit:
         if self.lag_s:
             lags = "lags behind" if self.lag_s > 0.0 else "is ahead of"
             told.append(f"{lags} the pose by {1e3 * abs(self.lag_s):.4g} ± {1e3 * self.lag_error_s:.2g} ms")
-            told[-1] += " (or has turned axes: this motion does not tell which)" * self.alike
+            told[-1] += " (or has turned axes: this motion does not show which)" * self.alike
         if self.scale:
             told.append(f"has {1.0 + self.scale:.5g} ± {self.scale_error:.2g} times its values")
         if self.turn:

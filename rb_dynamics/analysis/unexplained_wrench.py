@@ -1,4 +1,4 @@
-"""What a recorded motion tells about its body: unexplained wrench, and best-fitting inertia and mass.
+"""What a recorded motion shows about its body: unexplained wrench, and best-fitting inertia and mass.
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, and linear in I and m. Nothing is differentiated. What changes by more than its own noise
@@ -48,7 +48,7 @@ _ONE_AXIS, _NOISE = 1e-3, 2.0
 # A mass is given if its relative standard deviation is less than this.
 _TOLD = 0.1
 TELLS = 0.5
-"""A motion tells nothing about an inertia if each moment may have a larger undetected relative error."""
+"""A motion does not determine an inertia if each moment may have a larger undetected relative error."""
 
 
 @dataclass(frozen=True)

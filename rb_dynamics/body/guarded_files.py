@@ -23,7 +23,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, what: str) -> bytes:
     try:
         # Before it is opened: opening a pipe would wait for its other end.
         if not stat.S_ISREG(os.stat(name).st_mode):
-            raise BodyError(f"{name} is no plain file, expected {what}; check the path")
+            raise BodyError(f"{name} is not a regular file, expected {what}; check the path")
         with open(name, "rb") as file:
             data = file.read(limit + 1)
     except (OSError, ValueError) as error:

@@ -91,7 +91,7 @@ def equivalent_box(body: RigidBody) -> tuple[Vector, float]:
 def middle_axis_growth_time(body: RigidBody, angular_velocity_body: Vector) -> float | None:
     """Return the time (s) in which a small deviation from a spin about the middle axis grows e-fold.
 
-    From eqs. 20 to 22 linearised about the middle axis: 1 / (|w| sqrt((I2 - I1)(I3 - I2) / (I1 I3))). None where the
+    From eqs. 20 to 22 linearised about the middle axis: 1 / (|w| sqrt((I2 - I1)(I3 - I2) / (I1 I3))). None if the
     spin is not within `NEAR_AXIS` rad of the middle axis or the body has no middle axis.
     """
     if body.is_particle:

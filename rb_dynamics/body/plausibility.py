@@ -95,14 +95,14 @@ def examine(body: RigidBody) -> tuple[Finding, ...]:
 
 
 def slip_behind(inertia: Matrix) -> str:
-    """Return a remark on a matrix that no body has but in another order of its six numbers; "" where there is none.
+    """Return a remark on a matrix that no body has but in another order of its six numbers; "" if there is none.
 
     In a valid matrix such a slip cannot be seen: 2 |Ixz| <= Iyy and so on for every body, so that a product in the
     place of a moment leaves no room for a moment in the place of a product.
     """
     for order, reorder in common_mistakes.ORDERS.items():
         if common_mistakes.is_body(reorder(inertia)):
-            return f"; with its six numbers in the order {order} it would be valid: a slip in their order is suspected"
+            return f"; with its six numbers in the order {order} it would be valid: they are probably in another order"
     return ""
 
 
@@ -116,7 +116,7 @@ def examine_density(mass: float, volume: float) -> Finding | None:
         "density",
         f"the mean density is {density:.3g} kg/m^3 ({mass:.6g} kg in {volume:.6g} m^3)",
         f"{'lighter than a foam' if density < least else 'heavier than osmium'}, so a unit is probably another one",
-        "lengths in mm count a thousandfold (a mesh then needs scale: 0.001), densities in g/cm^3 a thousandth",
+        "lengths in mm are 1000 times too large (a mesh needs scale: 0.001), densities in g/cm^3 1000 times too small",
     )
 
 
@@ -135,8 +135,8 @@ def _size(body: RigidBody) -> Finding | None:
         "size",
         f"the largest radius of gyration is {gyration:.3g} m for {body.mass:.6g} kg",
         "a ball of that inertia would be "
-        + (f"thinner than any structure ({density:.1g} kg/m^3)" if density < THINNEST else "heavier than osmium"),
-        "moments are in kg m^2: one in kg mm^2 counts a millionfold, one in g cm^2 is a ten-millionth",
+        + (f"less dense than any structure ({density:.1g} kg/m^3)" if density < THINNEST else "heavier than osmium"),
+        "moments are in kg m^2; one in kg mm^2 is 1e6 times too large, one in g cm^2 1e7 times",
     )
 
 
@@ -152,7 +152,7 @@ def examine_reach(body: RigidBody, reach: float) -> Finding | None:
         "no mass within it has so much inertia"
         if gyration > reach
         else f"that is less than {LEAST_GYRATION:g} of it, where a uniform ball has 0.63",
-        "check the units (1 kg mm^2 is 1e-6 kg m^2), and that the inertia is no placeholder",
+        "check the units (1 kg mm^2 is 1e-6 kg m^2), and that the inertia is not a placeholder",
     )
 
 
@@ -179,7 +179,7 @@ def _flat(body: RigidBody) -> Finding | None:
         f"the largest principal moment is that of a body without thickness: {low:.9g} + {middle:.9g} = {high:.9g} "
         f"kg m^2 within {FLAT:g}",
         "it is at the limit of what is possible, a plate thinner than a thousandth of its width",
-        "all is well if it is one; otherwise check the moments",
+        "this is right for a plate; otherwise check the moments",
     )
 
 
@@ -189,11 +189,11 @@ def _about_origin(body: RigidBody) -> Finding | None:
         return None
     return Finding(
         "about-origin",
-        f"the centre of mass is {norm(body.center_of_mass):.3g} m from the origin, and the inertia less its "
-        f"parallel-axis term is still, and hardly, that of a body (m c^T S^-1 c = {share:.2f}, at most 1)",
+        f"the centre of mass is {norm(body.center_of_mass):.3g} m from the origin, and without its "
+        f"parallel-axis term the inertia is barely possible for a body (m c^T S^-1 c = {share:.2f}, at most 1)",
         "so it looks as if it was taken about the origin; otherwise the radius of gyration is implausibly large: the "
         f"standard deviation of the mass along that line is {math.sqrt(1.0 / share):.2f} times that distance",
-        "if it is about the origin, subtract m (|c|^2 1 - c c^T); if not, all is well",
+        "if it is about the origin, subtract m (|c|^2 1 - c c^T); if not, nothing has to change",
     )
 
 
@@ -217,7 +217,7 @@ def _inertia(body: RigidBody, uniform: Matrix) -> Finding | None:
         for slip in common_mistakes.slips(body.inertia, body.mass, body.center_of_mass):
             if common_mistakes.is_body(slip.undone) and common_mistakes.difference(slip.undone, uniform) <= CLOSE:
                 return Finding(slip.name, seen, f"{slip.how} it agrees within {CLOSE:.0%}", slip.remedy)
-        return Finding("mesh", seen, "no usual slip explains it", "check axes, units, and how uniform the body is")
+        return Finding("mesh", seen, "no common mistake explains it", "check axes, units, and how uniform the body is")
     # Products are small beside moments, so that a wrong sign is not far: it has to halve the difference.
     opposite = common_mistakes.difference(common_mistakes.negated(body.inertia), uniform)
     if opposite < 0.5 * apart and common_mistakes.largest_product(uniform) > 0.01:

@@ -157,7 +157,9 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
             # One of those that ran is to blame: running the first alone shows whether it is that one.
             with _processes(1) as pool:
                 row = _result(pool.submit(safely, waiting[0]))
-            yield row or _error(waiting[0], "the process that read it was killed, as for want of memory; try --jobs 1")
+            yield row or _error(
+                waiting[0], "the process that read it was killed, perhaps for lack of memory; try --jobs 1"
+            )
             waiting = waiting[1:]
 
 

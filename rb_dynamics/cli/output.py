@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rb_dynamics.study.covariance import Covariance
 
 _FEW = 1000
-"""Commands that tell how fast they come."""
+"""Least number of commands that shows their rate."""
 
 # Less than this part of the largest is rounding.
 _NOTHING = 1e-9
@@ -73,18 +73,18 @@ def _spread_lines(spread: Covariance) -> Iterator[str]:
             ", ".join(f"{size:.4g} {unit}" for size, unit, most in sizes if size > _NOTHING * most) or "nothing"
         )
     if spread.exact:
-        yield f"not told by the fit, and taken as exact: {', '.join(spread.exact)}"
+        yield f"not determined by the fit, and taken as exact: {', '.join(spread.exact)}"
     flown = "flights that are one standard deviation off"
     if spread.linear_until_ns is None:
         yield f"linear: {flown} depart from this by at most {100.0 * spread.departure:.3g} % of it"
         return
     size = f"by up to {100.0 * spread.departure:.3g} % of it" if spread.departure < 10.0 else "altogether"
     if spread.departure == float("inf"):
-        yield "NOT LINEAR: a body that is one standard deviation off cannot exist; a campaign tells the true spread"
+        yield "NOT LINEAR: a body that is one standard deviation off cannot exist; a campaign shows the true spread"
     else:
         yield (
             f"NOT LINEAR from t = {spread.linear_until_ns / 1e9:.6g} s on: {flown} depart from this {size}; a campaign "
-            "tells the true spread"
+            "shows the true spread"
         )
 
 

@@ -122,7 +122,7 @@ class Messages:
         type_name: message type.
         log_times: ns, (n,).
         stamps: ns, (n,); None for a type without header.
-        frames: `header.frame_id` and `child_frame_id` of each; None where the type has none.
+        frames: `header.frame_id` and `child_frame_id` of each; None if the type has none.
         values: (n, components) of each quantity.
     """
 
@@ -164,7 +164,7 @@ ALL = Span()
 
 
 Skip = Callable[[Path, LogError], None]
-"""Is told what is left out of which file, and why."""
+"""Called with each file and a description of what is left out of it, and why."""
 
 
 @dataclass

@@ -120,7 +120,7 @@ class _Read:
         begin_ns, end_ns: first and last log time, ns.
         sorted: whether no log time is earlier than the one before it.
         library: that wrote the file, as its header says.
-        footer: None where there is none.
+        footer: None if there is none.
     """
 
     messages: Counter[int] = field(default_factory=Counter)

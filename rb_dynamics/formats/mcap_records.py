@@ -84,7 +84,7 @@ _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
 # The number of messages put into blocks together, where they come one by one.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
-# Chunks are taken together up to this size; and so much of the next ones is unpacked while those before are taken.
+# Chunks are processed together up to this size; as much of the next ones is unpacked meanwhile.
 _TOGETHER_BYTES = _AHEAD_BYTES = 2**20
 
 Places: TypeAlias = NDArray[np.int64]
@@ -199,7 +199,7 @@ class McapFile:
         path: the file.
         salvage: leave out chunks that are damaged, instead of stopping at the first.
         part: of a bag of several files: one that was begun and never written to is cut off, and no error.
-        on_fact: told the name and content of each fact as it is read, of two of one name too.
+        on_fact: called with name and content of each fact as it is read, even if a name occurs twice.
         complete: the file was finished by its writer; False for one that was cut off.
         damage: what was left out, one line for each piece.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
@@ -528,7 +528,7 @@ class McapFile:
         return begins[:count], ends[:count]
 
     def _message(self, data: bytes, start: int, end: int) -> Message | None:
-        """Return a message; None where it is left out because its times are impossible."""
+        """Return a message; None if it is left out because its times are impossible."""
         content = start + _MESSAGE_HEAD.size
         if content > end:
             raise self._damage("has a message without its times")
@@ -650,7 +650,7 @@ def require_file(path: Path) -> None:
 
 
 def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
-    """Return where the next whole chunk with consistent lengths begins; None where there is none.
+    """Return where the next whole chunk with consistent lengths begins; None if there is none.
 
     Does not move the position in the file.
     """
@@ -677,7 +677,7 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
 
 
 def instead_of_recover(path: Path) -> str:
-    """Return what to do with an SQLite file where an MCAP file is expected, behind what it is."""
+    """Return a description of an SQLite file given in place of an MCAP file, and the remedy."""
     renamed = "" if path.suffix == ".db3" else f" under a name that ends in .db3 (now {path.name}),"
     return (
         f"; SQLite bags are read, not recovered: give the folder of {path.name},{renamed} to inspect or simulate "

@@ -283,7 +283,7 @@ class McapWriter:
     def rescue(self, name: str, facts: Mapping[str, str]) -> bool:
         """After a failed write: finish the file with what fits, and metadata `name` that says so.
 
-        Gives up chunks from the end until the index fits; False where that does not help: the file then ends after a
+        Gives up chunks from the end until the index fits; False if that does not help: the file then ends after a
         whole chunk if it can be cut there, and is readable without an index.
         """
         while self._marks:
@@ -338,7 +338,7 @@ def _block(length_format: str, data: bytes | bytearray) -> bytes:
 
 
 def _text(text: str) -> bytes:
-    """Return a string behind its length; the name of a file need not be UTF-8."""
+    """Return a string preceded by its length; the name of a file need not be UTF-8."""
     return _block("I", text.encode("utf-8", "replace"))
 
 

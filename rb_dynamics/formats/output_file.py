@@ -86,7 +86,7 @@ class OutputFile:
         self._position += len(data)
 
     def cut(self, position: int) -> bool:
-        """Cut the file at `position` and accept writes again; False where that is impossible (a pipe)."""
+        """Cut the file at `position` and accept writes again; False if that is impossible (a pipe)."""
         try:
             self._file.truncate(position)
             self._file.seek(position)
@@ -150,7 +150,7 @@ def is_log(path: str | os.PathLike[str]) -> bool:
 def move_aside(path: Path) -> Path | None:
     """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
 
-    Returns its new name; None where there is nothing to keep. A folder that is not a bag stays where it is.
+    Returns its new name; None if there is nothing to keep. A folder that is not a bag stays where it is.
 
     Raises:
         LogError: it cannot be renamed.

@@ -32,7 +32,7 @@ class Recovered:
         channels: of the new file.
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
-        next_file: name of the file in which the old one says that it continues; "" where it does not say so.
+        next_file: name of the file in which the old one says that it continues; "" if it does not say so.
     """
 
     file: BagFile

@@ -24,7 +24,7 @@ class BagFile:
 
     Attributes:
         name: of the file, in its folder.
-        start_ns, end_ns: first and last log time; 0 where there are no messages.
+        start_ns, end_ns: first and last log time; 0 if there are no messages.
         counts: messages by topic.
     """
 
@@ -71,7 +71,7 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
 
 
 def offered_qos(channel: McapChannel) -> list[Any]:
-    """Return the QoS profiles of a topic as its writer recorded them; none where that is not a list."""
+    """Return the QoS profiles of a topic as its writer recorded them; none if that is not a list."""
     try:
         found = load(channel.metadata.get(QOS, ""), channel.topic, "list of QoS profiles")
     except SceneError:

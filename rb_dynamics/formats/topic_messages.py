@@ -39,7 +39,7 @@ class Topic:
     Attributes:
         name: as recorded.
         type_name: message type, such as "std_msgs/msg/Float64"; with the encoding before it where that is not CDR.
-        qos: `offered_qos_profiles` as recorded, YAML; "" where the writer gave none.
+        qos: `offered_qos_profiles` as recorded, YAML; "" if the writer gave none.
         count: messages.
         messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
         damaged: rows of messages that are cut short or not CDR: their numbers are NaN, their stamps the log times.

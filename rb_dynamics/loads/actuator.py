@@ -1,7 +1,7 @@
-"""`Actuator`: what is commanded by a number: a thruster, a magnetorquer, a reaction wheel.
+"""`Actuator`: a device that is commanded by a number: a thruster, a magnetorquer, a reaction wheel.
 
-An actuator is data from the scene, and an effect: what it depends on counts like that of any other. Its present state
-follows from its commands and is computed in `actuator_bank.py`.
+An actuator holds data from the scene. It is an effect, so it declares what its load depends on. `actuator_bank.py`
+computes its present state from its commands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rb_dynamics.loads.ranges import Range, check_numbers
 from rb_dynamics.numerics.argument_checks import instance, shown, whole_number
 
 COMMAND = "/command"
-"""What follows the name of an actuator in the topic of its commands."""
+"""End of the topic of an actuator's commands, after its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Setpoint:
     stamp_ns: int = 0
 
     def __post_init__(self) -> None:
-        """Keep a float; an invalid value is rejected when it is to take effect.
+        """Convert the value to a float; an invalid value is rejected only when it would take effect.
 
         Raises:
             TypeError: it is not a number, or the stamp is not a whole number.
@@ -51,9 +51,9 @@ class ActuatorCommand:
 
     Attributes:
         time_ns: simulation time.
-        topic: of the command, as the scene writes the name of the actuator.
-        value: as it came.
-        reason: why it is rejected; "" where it is not.
+        topic: of the command, with the name of the actuator as in the scene.
+        value: as received.
+        reason: why it is rejected; "" if it is not.
         clipped: whether the limits of the actuator reduced it.
     """
 
@@ -65,7 +65,7 @@ class ActuatorCommand:
 
 
 class Accepted(NamedTuple):
-    """How an actuator honours a command: the value that acts, and whether its limits reduced it."""
+    """Result of a command: the value that acts, and whether the limits of the actuator reduced it."""
 
     value: float
     clipped: bool = False
@@ -89,11 +89,11 @@ class Actuator(Effect):
     name: str
 
     def __post_init__(self) -> None:
-        """Refuse a name that cannot be a topic, and numbers out of range.
+        """Check the name, which has to be a topic, and the ranges of numbers.
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: it is not a topic, or a number is out of range.
+            SceneError: the name is not a topic, or a number is out of range.
         """
         instance(self.name, str, f"{self.kind}: name", "write a text")
         if fault := topic_fault(self.name) or topic_fault(self.topic):
@@ -111,13 +111,15 @@ class Actuator(Effect):
         raise NotImplementedError
 
     def accept(self, value: float) -> Accepted:
-        """Return what a command does.
+        """Return the result of a command.
 
         Raises:
-            WrenchError: it cannot be honoured.
+            WrenchError: the command is invalid.
         """
         if not math.isfinite(value):
-            raise WrenchError(f"{self.topic}: {value!r} {self.unit}, expected a finite number; mend what commands it")
+            raise WrenchError(
+                f"{self.topic}: {value!r} {self.unit}, expected a finite number; correct what commands it"
+            )
         return self._accept(value)
 
     def _accept(self, value: float) -> Accepted:
@@ -125,5 +127,5 @@ class Actuator(Effect):
 
 
 def clipped(value: float, limit: float) -> Accepted:
-    """Return a value within a limit either way."""
+    """Return `value`, clipped to -limit and limit."""
     return Accepted(math.copysign(limit, value), clipped=True) if abs(value) > limit else Accepted(value)

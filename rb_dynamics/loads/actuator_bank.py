@@ -1,4 +1,4 @@
-"""`ActuatorBank`: the actuators of one run: which command acts from when, and what they do now."""
+"""`ActuatorBank`: the actuators of one run, the times at which their commands act, and their present state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 class _Edge(NamedTuple):
-    """A command that comes, or an actuator that changes; at equal times in the order of the scene, then of arrival."""
+    """A command that takes effect, or an actuator that changes; ordered by time, scene and arrival."""
 
     time_ns: int
     actuator: int
@@ -37,7 +37,7 @@ class ActuatorBank:
     """The actuators of one run, in the order of the scene, all at zero at the start.
 
     Attributes:
-        wheels: the reaction wheels; None where there is none.
+        wheels: the reaction wheels; None if there are none.
         changed: whether the last `apply` changed what an actuator does.
     """
 
@@ -54,22 +54,23 @@ class ActuatorBank:
         self._queue: list[_Edge] = []
         self.changed = False
         self._number = 0
-        # What each does now, and the number of the command that opened a thruster, to which its closing belongs.
+        # The present value of each actuator, and the number of the command that opened a thruster, to which its closing
+        # belongs.
         self._values = [0.0] * len(self._actuators)
         self._opened = [0] * len(self._actuators)
-        # Thrusters whose force rises or falls: how, and from which part of it.
+        # Thrusters whose force rises or falls: the transient, and the level from which it started.
         self._ramps: dict[int, tuple[Transient, float]] = {}
         wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
         self.wheels = WheelSet(wheels, body) if wheels else None
         self._wheel = {actuator.name: k for k, actuator in enumerate(wheels)}
-        # Wheels that are commanded anew, with the command.
+        # New commands of wheels.
         self._turning: list[tuple[int, float]] = []
 
     def accept(self, topic: str, value: float) -> bool:
-        """Return whether the limits of an actuator reduce a command; changes nothing.
+        """Return whether the limits of an actuator reduce a command, without applying it.
 
         Raises:
-            WrenchError: there is no such actuator, or it cannot honour the command.
+            WrenchError: there is no such actuator, or the command is invalid.
         """
         return self._actuators[self._place(topic)].accept(value).clipped
 
@@ -82,7 +83,7 @@ class ActuatorBank:
         self._push(time_ns, self._place(topic), value)
 
     def next_change_ns(self) -> int | None:
-        """Return when a command takes effect or an actuator changes next; None if that never happens."""
+        """Return the next time at which a command takes effect or an actuator changes; None if there is none."""
         times = [transient.end_ns for transient in self.transients()]
         return min([*times, *(edge.time_ns for edge in self._queue[:1])], default=None)
 
@@ -91,7 +92,7 @@ class ActuatorBank:
         return [transient for transient, _ in self._ramps.values()]
 
     def on_their_way(self, now_ns: int) -> list[AppliedWrench]:
-        """Return what each thruster does at `now_ns` whose force rises or falls."""
+        """Return the present wrench at `now_ns` of each thruster whose force rises or falls."""
         going = [k for k, (ramp, _) in sorted(self._ramps.items()) if ramp.since_ns < now_ns < ramp.end_ns]
         return [replace(self._applied(k, now_ns), on_its_way=True) for k in going]
 
@@ -145,7 +146,7 @@ class ActuatorBank:
         return dipole if dipole == ZERO else rotate_inverse(self._body.principal_orientation_xyzw, dipole)
 
     def wrenching(self) -> Wrenching | None:
-        """Return the load of the magnetorquers in the field, as commanded now; None where they have none."""
+        """Return the load of the magnetorquers in the field, as commanded now; None if there is none."""
         dipole, field = self.dipole, self._field
         if dipole == ZERO:
             return None
@@ -163,7 +164,7 @@ class ActuatorBank:
         heapq.heappush(self._queue, _Edge(time_ns, actuator, self._number, value))
 
     def _act(self, edge: _Edge) -> list[AppliedWrench]:
-        """Apply a command to an actuator; return its effect on the body as far as that is a wrench."""
+        """Apply a command to an actuator; return its effect on the body if that is a wrench."""
         k = edge.actuator
         actuator, value = self._actuators[k], edge.value
         if isinstance(actuator, ReactionWheel):
@@ -173,7 +174,7 @@ class ActuatorBank:
             self._values[k] = value
             return []
         if value < 0.0:
-            # The end of a pulse, unless another command has come since.
+            # The end of a pulse, unless another command has replaced it.
             if self._opened[k] != edge.number:
                 return []
             value = 0.0
@@ -196,7 +197,7 @@ class ActuatorBank:
         return [self._applied(k, edge.time_ns)]
 
     def _level(self, k: int, now_ns: int) -> float:
-        """Return the part of its force that a thruster exerts."""
+        """Return the fraction of its force that a thruster exerts."""
         value = self._values[k]
         if k not in self._ramps:
             return value

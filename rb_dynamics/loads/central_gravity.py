@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Attraction(NamedTuple):
-    """What the load on one body from one centre depends on: mu, the centre, mass and moments, whether with gradient."""
+    """Parameters of the load: mu, centre, mass and moments of the body, and whether with gradient."""
 
     parameter: float
     center: Vector
@@ -53,7 +53,7 @@ def attracted(a: Attraction, point: Point) -> tuple[Vector, Vector]:
 
 
 def time_to_fall(a: Attraction, point: Point) -> float:
-    """Return half of the time (s) in which the body could reach the centre, while it comes nearer."""
+    """Return half of the shortest time (s) to the centre for an approaching body; infinite for others."""
     distance, direction = _to(a.center, point.position)
     coming = dot(point.velocity, direction) < 0.0
     return 0.5 * distance / norm(point.velocity) if coming else math.inf
@@ -81,8 +81,8 @@ class CentralGravity(Effect):
 
     Without `gravity_gradient` F = -mu m n / r^2 through the centre of mass, U = -mu m / r, with r n from the centre to
     the centre of mass. With it the next term of MacCullagh's expansion, U2 = -mu (tr I - 3 n . I n) / (2 r^3): the
-    torque 3 mu / r^3 n x I n and the force that belongs to it, so that energy and the angular momentum about the centre
-    are kept (Hughes, Spacecraft Attitude Dynamics, section 8.1; Wertz, eq. 17-31).
+    torque 3 mu / r^3 n x I n and the corresponding force, so that energy and the angular momentum about the centre are
+    conserved (Hughes, Spacecraft Attitude Dynamics, section 8.1; Wertz, eq. 17-31).
     """
 
     kind: ClassVar[str] = "central_gravity"
@@ -105,7 +105,7 @@ class CentralGravity(Effect):
         return cls(**read_numbers(cls, entry), center_world=center, gravity_gradient=entry.flag("gravity_gradient"))
 
     def __post_init__(self) -> None:
-        """Refuse a centre that does not attract.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.

@@ -31,11 +31,11 @@ _T = TypeVar("_T")
 
 
 class Lasting(NamedTuple):
-    """What effects do throughout a run.
+    """Effects that act unchanged throughout a run.
 
     Attributes:
         force_world: held, N, world axes, through the centre of mass.
-        numbers: of the load inside the steps, for kernels; empty where there is none.
+        numbers: of the load inside the steps, for kernels; empty if there is none.
     """
 
     force_world: Vector
@@ -44,7 +44,7 @@ class Lasting(NamedTuple):
 
 @dataclass(frozen=True)
 class CombinedEffects:
-    """What the `effects` of a scene do to `body`, in the order of the scene; `frames` give the name of its world."""
+    """The sum of the `effects` of a scene on `body`, in the order of the scene; `frames` give the name of its world."""
 
     body: RigidBody
     effects: tuple[Effect, ...] = ()
@@ -54,7 +54,7 @@ class CombinedEffects:
         """Let each effect check the body.
 
         Raises:
-            SceneError: an effect cannot act on it, or has a load inside the step and does not declare it.
+            SceneError: an effect cannot act on it, or has a load inside the step that it does not declare.
         """
         for effect in self.effects:
             if not isinstance(effect.kind, str):
@@ -71,7 +71,7 @@ class CombinedEffects:
 
     @property
     def varying(self) -> tuple[str, ...]:
-        """Kinds of the effects whose load changes inside a step."""
+        """Kinds of the effects whose load varies within a step."""
         return tuple(dict.fromkeys(effect.kind for effect in self.effects if effect.takes > LoadDependence.HELD))
 
     def schedules(self) -> list[tuple[str, tuple[tuple[float, Wrench], ...]]]:
@@ -104,12 +104,12 @@ class CombinedEffects:
         return sorted({time for effect in self.effects for time in _knots(effect)})
 
     def load_from(self, start: float, driven: Wrenching | None = None) -> Callable[[Point], Load] | None:
-        """Return what gives the load of a step from its first point, from `start` (s) to the next knot.
+        """Return the function that gives the load of a step from its start, valid from `start` (s) to the next knot.
 
-        `driven` is what actuators add.
+        `driven` is the load of actuators, which is added.
 
         Raises:
-            SceneError: an effect has a load inside the step and does not declare it; or, at its first evaluation, its
+            SceneError: an effect has a load inside the step that it does not declare; or, at the first evaluation, its
                 load is not two vectors.
         """
         parts = self._parts("load", lambda effect: _inside_the_step(effect, self.body, start), _require_load)
@@ -147,15 +147,15 @@ class CombinedEffects:
 
     @property
     def compile(self) -> bool:
-        """Whether kernels take the load."""
+        """Whether kernels support the load."""
         if any(isinstance(effect, Actuator) for effect in self.effects):
             return False
         return self.takes == LoadDependence.HELD or self.numbers(0.0) is not None
 
     def lasting(self) -> Lasting | None:
-        """Return what acts from the start of a run to its end; None where that is not all, or has no numbers.
+        """Return the effects if all of them act unchanged throughout a run; None otherwise, or without numbers.
 
-        There is more where the load has knots, a wrench comes later or turns, or something moves inside the body.
+        They do not if the load has knots, a wrench begins later or turns, or something moves inside the body.
         """
         numbers, force = self.numbers(0.0), ZERO
         if not self.compile or self.knots() or self.storing() is not None:
@@ -171,7 +171,7 @@ class CombinedEffects:
         return Lasting(force, numbers or ()) if possible else None
 
     def potential(self) -> Callable[[Point], float] | None:
-        """Return the potential energy (J) of all; None where none has one."""
+        """Return the potential energy (J) of all effects; None if none has one."""
         parts = self._parts("potential", lambda effect: _real(effect, "potential", "J", effect.potential(self.body)))
         if not parts:
             return None
@@ -185,11 +185,11 @@ class CombinedEffects:
         return energy
 
     def gravity(self) -> Field:
-        """Return the gravitational acceleration (m/s^2) of all."""
+        """Return the gravitational acceleration (m/s^2) of all effects."""
         return _added([_field(effect, "gravity", effect.gravity()) for effect in self.effects])
 
     def magnetic_field(self, time: float = 0.0) -> Field:
-        """Return the magnetic flux density (T) of all at a time (s of the run)."""
+        """Return the magnetic flux density (T) of all effects at a time (s of the run)."""
         return _added([_field(effect, "magnetic_field", effect.magnetic_field_at(time)) for effect in self.effects])
 
     @property
@@ -198,17 +198,17 @@ class CombinedEffects:
         return any(effect.magnetic_field() is not None for effect in self.effects)
 
     def slowing(self) -> Slowing | None:
-        """Return the rate (1/s) at which differences of velocity decay; None where they need not."""
+        """Return the rate (1/s) at which differences of velocity decay; None if they need not."""
         parts = self._parts("slowing", lambda effect: _real(effect, "slowing", "1/s", effect.slowing(self.body), 0.0))
         return (lambda point: _total(part(point) for part in parts)) if parts else None
 
     def sight(self) -> Sight | None:
-        """Return for how long (s) the load at a point predicts the load ahead; None where it always does."""
+        """Return for how long (s) the load at a point predicts the load ahead; None if it always does."""
         parts = self._parts("sight", lambda effect: _ahead(effect, effect.sight(self.body)))
         return (lambda point: min(part(point) for part in parts)) if parts else None
 
     def strength(self) -> Callable[[Point], float] | None:
-        """Return the sum of the magnitudes (N) of the forces that change inside a step; None if none does."""
+        """Return the sum of the magnitudes (N) of the forces that vary within a step; None if none does."""
         changing = [effect for effect in self.effects if _inside_the_step(effect, self.body, 0.0) is not None]
 
         def strength(point: Point) -> float:
@@ -218,7 +218,7 @@ class CombinedEffects:
         return strength if changing else None
 
     def storing(self) -> Callable[[Point], Stored] | None:
-        """Return what moves inside the body, of all; None where nothing does."""
+        """Return momentum and energy of what moves inside the body, for all effects; None if nothing does."""
         parts = self._parts("storing", lambda effect: effect.storing(self.body), _require_stored)
         if not parts:
             return None
@@ -234,12 +234,12 @@ class CombinedEffects:
 
 
 def _total(values: Iterable[float]) -> float:
-    """Return the sum in their order, as kernels add up; `sum` does not in all versions of Python."""
+    """Return the sum of `values` in their order, as in kernels; `sum` rounds differently in some versions of Python."""
     return reduce(operator.add, values, 0.0)
 
 
 def _added(fields: Sequence[Field | None]) -> Field:
-    """Return the sum of fields, in their order; zero where there is none."""
+    """Return the sum of fields, in their order; zero if there is none."""
     parts = [field for field in fields if field is not None]
 
     def at(place: Vector) -> Vector:
@@ -257,9 +257,9 @@ def _refusing(
     part: Callable[[Point], _T],
     first: Callable[[Effect, _T], None] | None = None,
 ) -> Callable[[Point], _T]:
-    """Return a part of `effect` that refuses the points where it fails: a trial step may lead anywhere.
+    """Return a function of `effect` that refuses points at which it fails, because a trial step may lead anywhere.
 
-    `first` checks the first value only, as there are many.
+    `first` checks only the first value, for speed.
     """
 
     def at(point: Point) -> _T:
@@ -313,7 +313,7 @@ def _schedule(effect: Effect, entries: Any) -> tuple[tuple[float, Wrench], ...]:
 
 
 def _field(effect: Effect, what: str, field: Field | None) -> Field | None:
-    """Return a field that is three finite numbers wherever it is asked."""
+    """Return a field that is checked to be three finite numbers at every point."""
     if field is None:
         return None
     if not callable(field):
@@ -330,7 +330,7 @@ def _field(effect: Effect, what: str, field: Field | None) -> Field | None:
 
 
 def _require_load(effect: Effect, load: object) -> None:
-    """Refuse what is not a force and a torque of double precision: with others, the sums of the motion lose digits."""
+    """Check that `load` is a force and a torque in double precision: other types would lose digits of the motion."""
     vectors = [list(part) if isinstance(part, Collection) else [] for part in load] if _is_pair(load) else []
     if not vectors or any(len(vector) != 3 or not all(map(_is_double, vector)) for vector in vectors):
         expected = "a force (N, world axes) and a torque (N m, principal axes), three floats each"
@@ -351,7 +351,7 @@ def _is_finite(value: object) -> bool:
 def _real(
     effect: Effect, what: str, unit: str, part: Callable[[Point], float] | None, least: float = -math.inf
 ) -> Callable[[Point], float] | None:
-    """Return a part that is a finite number, and at least `least`, at every point."""
+    """Return a function that is checked to be a finite number, and at least `least`, at every point."""
     if part is None:
         return None
     value = _function(effect, what, part)
@@ -376,7 +376,7 @@ def _is_double(value: object) -> bool:
 
 
 def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
-    """Return a sight that is a time greater than 0 everywhere: without one, a run would never get anywhere."""
+    """Return a sight that is checked to be greater than 0: otherwise a run could not advance."""
     if sight is None:
         return None
     ahead = _function(effect, "sight", sight)
@@ -392,7 +392,7 @@ def _ahead(effect: Effect, sight: Sight | None) -> Sight | None:
 
 
 def _inside_the_step(effect: Effect, body: RigidBody, start: float) -> Wrenching | None:
-    """Return the load of an effect; no method is checked for loads that are not declared."""
+    """Return the load of an effect, which must be declared: methods are checked only for declared loads."""
     part = effect.wrenching(body, start)
     if part is not None:
         _function(effect, "load", part)

@@ -1,4 +1,4 @@
-"""Wrench channels: each holds its last command until the next one or its timeout; channels add up.
+"""Wrench channels: each holds its last command until the next one or its timeout; their wrenches add up.
 
 This module decides when a command takes effect and which commands are too large; `wrench.py` converts a command to
 force and torque about the centre of mass.
@@ -42,17 +42,17 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 ON_EXCESS = ("reject", "clip")
-"""What may become of a command beyond the limits of its channel."""
+"""What a channel may do with a command beyond its limits."""
 
 LAG = f"0 (none) or a time from {SHORTEST:g} to {LONGEST:.1e} (s)"
-"""What is expected of a lag."""
+"""Valid values of a lag, for error messages."""
 
-# m/s^2 and rad/s^2: no actuator gives more. If the motion cannot continue beyond these, the command is at fault; below,
-# the step or the accuracy is, and the user has to be told.
+# m/s^2 and rad/s^2, more than any actuator gives. If the motion cannot continue and the accelerations are larger, the
+# command is rejected; if they are smaller, the step or the accuracy is the cause, which is an error for the user.
 _HUGE = 1e6
 
 
-# What we publish ourselves: a channel of that name would clash with it in the graph and in the log.
+# Topics that the node publishes: a channel of the same name would clash with them in the graph and in the log.
 _PUBLISHED = frozenset(
     {
         "pose", "twist", "odom", "accel", "angular_momentum", "linear_momentum", "energy/kinetic", "energy/work",
@@ -62,7 +62,7 @@ _PUBLISHED = frozenset(
 
 
 NAMING = "use letters, digits and _, with / between parts that do not begin with a digit"
-"""How to write a name for which `is_topic_name` is true."""
+"""How to write a valid topic name, for error messages."""
 
 
 def is_topic_name(topic: str) -> bool:
@@ -72,7 +72,7 @@ def is_topic_name(topic: str) -> bool:
 
 
 def topic_fault(topic: str) -> tuple[str, str] | None:
-    """Return what was expected instead of the topic of a channel, and what to do; None where it may have it."""
+    """Return what was expected instead of the topic of a channel, and the remedy; None if the topic is valid."""
     name = topic.removeprefix("/")
     if not is_topic_name(topic):
         return "a ROS topic name", NAMING
@@ -91,15 +91,15 @@ class Channel:
 
     Attributes:
         topic: relative topic name.
-        timeout: s after which the channel drops to zero; 0 holds for ever.
-        optional: in lockstep, does not hold time back before its first command.
-        max_force: N, the largest force that a command may have; infinite for no limit.
-        max_torque: N m, likewise; of the torque that is commanded, without the moment of the force.
-        on_excess: what becomes of a command beyond a limit: `reject`, or `clip` to scale the vector down to the limit.
-        delay: s from a command to its effect.
+        timeout: time without a command after which the channel drops to zero, s; 0 to hold for ever.
+        optional: in lockstep, time does not wait for its first command.
+        max_force: largest force of a command, N; infinite for no limit.
+        max_torque: largest torque of a command, N m, without the moment of the force; infinite for no limit.
+        on_excess: `reject` a command beyond a limit, or `clip` it: scale the vector down to the limit.
+        delay: time from a command to its effect, s.
         bias_force: N, through the centre of mass in body axes: acts from time 0 on, whatever is commanded.
         bias_torque: N m, likewise.
-        lag: s, time constant with which what acts follows the command (first order); 0 for at once.
+        lag: time constant with which the acting wrench follows the command (first order), s; 0 for at once.
     """
 
     topic: str = "wrench"
@@ -118,7 +118,7 @@ class Channel:
 
         Raises:
             TypeError: a field is not of its type.
-            SceneError: it has no topic, a negative timeout, no limit that can be kept, or nothing to do on excess.
+            SceneError: the topic, timeout, a limit or `on_excess` is invalid.
         """
         if not instance(self.topic, str, "topic", "write the name of a topic"):
             raise SceneError("topic is '', expected the name of a topic; write one, as 'wrench'")
@@ -128,7 +128,7 @@ class Channel:
         object.__setattr__(self, "optional", truth(self.optional, "optional"))
         for name in ("max_force", "max_torque"):
             limit = getattr(self, name)
-            # A masked number is neither infinite nor not: it is not a limit.
+            # Comparisons with a masked number are neither true nor false: it is not a limit.
             if getattr(limit, "mask", False) or limit != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
@@ -147,7 +147,7 @@ class Channel:
 
     @property
     def timeout_ns(self) -> int:
-        """The timeout in ns; one below 1 ns is short, not the 0 that holds for ever."""
+        """The timeout in ns; at least 1 if it is not zero, because 0 means to hold for ever."""
         return max(1, round(self.timeout * NANOSECONDS)) if self.timeout else 0
 
     @property
@@ -157,16 +157,16 @@ class Channel:
 
     @property
     def bias(self) -> Wrench | None:
-        """The bias, which acts whatever is commanded; None where there is none."""
+        """The bias, which acts whatever is commanded; None if there is none."""
         return (
             Wrench(self.bias_force, self.bias_torque) if (self.bias_force, self.bias_torque) != (ZERO, ZERO) else None
         )
 
     def limited(self, wrench: Wrench) -> Wrench:
-        """Return `wrench` as the limits let it act: itself where it keeps them.
+        """Return `wrench` within the limits of the channel: itself if it is.
 
         Raises:
-            WrenchError: it does not, and the channel does not clip.
+            WrenchError: it exceeds a limit, and the channel does not clip.
         """
         force = self._within("force", wrench.force, self.max_force, "N")
         torque = self._within("torque", wrench.torque, self.max_torque, "N m")
@@ -178,11 +178,11 @@ class Channel:
         if limit == math.inf:
             return vector
         size = norm(vector)
-        # A controller that saturates at the limit itself rounds its norm.
+        # The norm of a command that a controller has saturated exactly at the limit may be rounded up.
         if size <= limit * (1.0 + 1e-12):
             return vector
         if self.on_excess == "clip":
-            # In two parts, as the norm of finite numbers need not be finite.
+            # In two factors, because the norm of finite numbers may overflow.
             direction = scale(1.0 / max(map(abs, vector)), vector)
             return scale(limit / norm(direction), direction)
         raise WrenchError(
@@ -195,7 +195,7 @@ class ChannelBias(Effect):
     """The bias of a channel: held from time 0 on, and logged like the wrench of an effect."""
 
     def __init__(self, channel: Channel) -> None:
-        """Hold the bias of `channel`."""
+        """Create the bias of `channel`."""
         self.kind = f"{channel.topic.removeprefix('/')}/bias"  # type: ignore[misc]
         self._bias = channel.bias or Wrench()
 
@@ -210,25 +210,25 @@ class ChannelLag(Effect):
     takes = LoadDependence.FIELD
 
     def __init__(self, channel: Channel) -> None:
-        """Be the lag of `channel`."""
+        """Create the lag of `channel`."""
         self.kind = f"{channel.topic.removeprefix('/')}/lag"  # type: ignore[misc]
 
 
 @dataclass(frozen=True, slots=True)
 class AppliedWrench:
-    """A channel's wrench changed, or, with a lag, is changing at an output.
+    """A channel's wrench has changed or, with a lag, is changing at an output.
 
     Attributes:
         time_ns: simulation time at which it took effect.
         topic: the channel's topic, as the scene writes it.
-        received: the command as it came; None where a timeout dropped the channel to zero, and on the way.
+        received: the command as received; None if a timeout dropped the channel to zero, or `on_its_way`.
         frame_id: the axes of `force` and `torque`: body or world frame.
         force: N, through the centre of mass.
         torque: N m, about the centre of mass.
-        clipped: whether the channel's limits made the command smaller.
-        delayed: whether the command came earlier, and was told then.
+        clipped: whether the channel's limits reduced the command.
+        delayed: whether the command was received, and reported, earlier.
         timed_out: whether a timeout dropped the channel to zero.
-        on_its_way: whether nothing changed: what acts follows a change that was told before.
+        on_its_way: whether this is not a new change: with a lag, the wrench still follows an earlier one.
     """
 
     time_ns: int
@@ -250,7 +250,7 @@ class ReceivedWrench:
     Attributes:
         time_ns: simulation time at which it was received.
         topic: the channel's topic, as the scene writes it.
-        received: the command as it came.
+        received: the command as received.
     """
 
     time_ns: int
@@ -260,13 +260,13 @@ class ReceivedWrench:
 
 @dataclass(frozen=True, slots=True)
 class RejectedWrench:
-    """A command that was not honoured.
+    """A command that was rejected.
 
     Attributes:
         time_ns: simulation time at which it would have taken effect.
         topic: the channel's topic, as the scene writes it.
-        received: the command as it came.
-        reason: what was found, expected and to be done.
+        received: the command as received.
+        reason: what was found and expected, and the remedy.
     """
 
     time_ns: int
@@ -276,14 +276,14 @@ class RejectedWrench:
 
 
 class CheckedWrench(NamedTuple):
-    """A command as its channel takes it.
+    """A command after the checks of its channel.
 
     Attributes:
-        channel: its number in the order of the scene.
-        received: the command as it came.
-        held: what it does while it is held; None where it cannot be honoured.
-        reason: why it cannot.
-        clipped: whether the limits of the channel made it smaller.
+        channel: number of the channel in the order of the scene.
+        received: the command as received.
+        held: the wrench while the command is held; None if it is rejected.
+        reason: why it is rejected.
+        clipped: whether the limits of the channel reduced it.
     """
 
     channel: int
@@ -296,7 +296,7 @@ class CheckedWrench(NamedTuple):
         """Return `clipped`.
 
         Raises:
-            WrenchError: the command cannot be honoured.
+            WrenchError: the command is rejected.
         """
         if self.held is None:
             raise WrenchError(self.reason)
@@ -310,15 +310,15 @@ class _Hold(NamedTuple):
     transient: Transient | None = None
 
     def at(self, time_ns: int) -> HeldWrench:
-        """Return what acts."""
+        """Return the wrench that acts."""
         return self.held if self.transient is None else self.transient.at(time_ns)
 
 
 class _Pending(NamedTuple):
     """A command that waits for its time.
 
-    At equal times the channels come in the order of the scene, however the commands arrived; within a channel the order
-    of arrival is kept, so the last one wins. No two have the same `number`: what stands behind it is never compared.
+    At equal times the channels come in the order of the scene, whatever the order of arrival; within a channel that
+    order is kept, so the last command wins. `number` is unique, so the fields after it are never compared.
     """
 
     time_ns: int
@@ -332,8 +332,8 @@ class WrenchChannels:
     """The channels of one run, in the order of the scene.
 
     Attributes:
-        lag: whether one of them follows its commands with a lag.
-        came: what the last `apply` told of commands that came and take effect later, or never; `take_back` keeps it.
+        lag: whether a channel follows its commands with a lag.
+        came: events of the last `apply` about commands that take effect later or never; `take_back` keeps them.
     """
 
     def __init__(
@@ -343,9 +343,9 @@ class WrenchChannels:
         effects: Sequence[str] = (),
         body: RigidBody | None = None,
     ) -> None:
-        """Start with every channel at zero; behind those of the scene comes one for each of `effects`.
+        """Start with every channel at zero; the channels of the scene are followed by one for each of `effects`.
 
-        `body` says what is too large for a command; without it, nothing finite is.
+        Commands are checked to be bearable for `body`; without it, any finite command is accepted.
         """
         self._channels = (*channels, *(Channel(name) for name in effects))
         self._commanded = len(channels)
@@ -359,10 +359,10 @@ class WrenchChannels:
         self._number = 0
         self._body = body
         self._largest = largest_wrench(body) if body is not None else (math.inf, math.inf)
-        # Commands that came as arrays, and the first of them that is still to take effect.
+        # Commands received as arrays, and the index of the first that has not yet taken effect.
         self._table: CommandTable | None = None
         self._row = 0
-        # The commands that the last `apply` looked at, and what was held before.
+        # The commands that the last `apply` handled, and the wrenches held before.
         self._done: list[_Pending] = []
         self._before = self._holds
         self.came: list[ReceivedWrench | RejectedWrench] = []
@@ -383,7 +383,7 @@ class WrenchChannels:
         return self._index.get(topic.lstrip("/"))
 
     def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
-        """Return the command as the channel `topic` takes it; changes nothing.
+        """Return the command after the checks of the channel `topic`, without applying it.
 
         Raises:
             WrenchError: no such channel.
@@ -399,10 +399,10 @@ class WrenchChannels:
         heapq.heappush(self._queue, _Pending(time_ns, command.channel, self._number, command))
 
     def regular(self, batch: CommandBatch) -> tuple[CommandTable, Whole]:
-        """Return the commands of a sorted `batch` that act as they are, and the rows of those to be checked one by one.
+        """Return the commands of a sorted `batch` that act unchanged, and the rows of those to be checked one by one.
 
-        These are what `check` may refuse or clip, what `huge` may mean, and what shares channel and time with such a
-        command.
+        The latter are those that `check` may refuse or clip, or that may be `huge`, and others of the same channel and
+        time.
         """
         import numpy as np
 
@@ -410,16 +410,16 @@ class WrenchChannels:
         for k, channel in enumerate(self._channels[: self._commanded]):
             mine = batch.channel == k
             good[mine] &= self._delay_ns[k] == 0 and channel.lag == 0.0
-            # Close to a limit, `check` decides.
+            # Commands close to a limit are left to `check`.
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
-                    with np.errstate(over="ignore"):  # what overflows is beyond every limit
+                    with np.errstate(over="ignore"):  # an overflow is beyond every limit
                         good[mine] &= np.linalg.norm(part[mine], axis=1) < 0.999 * limit
             good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
         return CommandTable(batch.some(good.nonzero()[0]), held[good]), np.flatnonzero(~good)
 
     def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
-        """Return what each command does, and whether that is beyond doubt."""
+        """Return the held wrench of each command, and whether it needs no further check."""
         import numpy as np
 
         count = len(batch.time_ns)
@@ -451,9 +451,9 @@ class WrenchChannels:
         self._table, self._row = table if self._table is None else self._table.followed_by(table, self._row), 0
 
     def hasten(self, by_ns: int, now_ns: int) -> list[str]:
-        """Let commands that wait and have a stamp act `by_ns` sooner; return the topics of those that never will.
+        """Let pending commands that have a stamp act `by_ns` sooner; return the topics of those that never will.
 
-        Of each channel's commands that would have acted before `now_ns` the newest acts then, and the others never.
+        Of each channel's commands that would have acted before `now_ns`, the newest acts then, and the others never.
         """
         kept: list[_Pending] = []
         newest: dict[int, _Pending] = {}
@@ -474,13 +474,13 @@ class WrenchChannels:
 
     @property
     def tabled(self) -> int:
-        """How many commands that came as arrays are still to take effect."""
+        """Number of commands received as arrays that have not yet taken effect."""
         return 0 if self._table is None else len(self._table.time_ns) - self._row
 
     def timeline(self, until_ns: int, most: int) -> tuple[Timeline, int]:
-        """Return the changes to come up to `until_ns`, and the time (ns) until which these are all; changes nothing.
+        """Return the coming changes up to `until_ns`, and the time (ns) until which they are complete; applies nothing.
 
-        That is before `until_ns` where only `apply` can tell, or where there are more than `most` commands.
+        That time is before `until_ns` if only `apply` can decide, or if there are more than `most` commands.
         """
         if self._queue:
             until_ns = min(until_ns, self._queue[0].time_ns - 1)
@@ -496,7 +496,7 @@ class WrenchChannels:
         return [Holding([n for part in hold.held for n in part], hold.expires_ns) for hold in self._holds]
 
     def changes(self, until_ns: int) -> Changes:
-        """Make every change that is due until then, and return them; `timeline` has returned them all."""
+        """Apply every change that is due by `until_ns` and return them; `timeline` has returned them all."""
         table, frames = self._table or CommandTable.empty(), (self._frames.body_frame, self._frames.world_frame)
         topics = [channel.topic for channel in self._channels]
         found = changes(table, self._due(until_ns), self._holding, self._timeout_ns, until_ns, topics, frames)
@@ -504,7 +504,7 @@ class WrenchChannels:
         return found
 
     def skip(self, until_ns: int) -> None:
-        """Make every change that is due until then, without returning them."""
+        """Apply every change that is due by `until_ns`, without returning them."""
         table, rows = self._table, self._due(until_ns)
         for i, timeout in enumerate(self._timeout_ns):
             if table is not None and (mine := (table.channel[rows] == i).nonzero()[0]).size:
@@ -516,7 +516,7 @@ class WrenchChannels:
         self._row = rows.stop
 
     def _due(self, until_ns: int) -> slice:
-        """Return the rows of the table that take effect by `until_ns` and have not yet."""
+        """Return the rows of the table that take effect by `until_ns` and have not done so yet."""
         if self._table is None:
             return slice(0, 0)
         return slice(self._row, int(self._table.time_ns.searchsorted(until_ns, side="right")))
@@ -532,7 +532,7 @@ class WrenchChannels:
         self._row = rows.stop
 
     def outstanding(self) -> list[tuple[str, Wrench, int]]:
-        """Return topic, command and time (ns) of each that is held (0) or waits, in the order in which they act."""
+        """Return topic, command and time (ns) of each command that is held (0) or pending, in the order of effect."""
         topics = [channel.topic for channel in self._channels[: self._commanded]]
         held = [
             (topic, hold.received, 0)
@@ -547,11 +547,11 @@ class WrenchChannels:
         return held + waiting
 
     def _waited(self, pending: _Pending) -> int:
-        """Return for how long (ns) a command that is on its way will have been so."""
+        """Return the delay (ns) between receipt and effect of a pending command."""
         return self._delay_ns[pending.channel] if pending.on_its_way else 0
 
     def standing(self, now_ns: int, orientation: Quaternion = IDENTITY) -> list[AppliedWrench]:
-        """Return each wrench that is held, as a change at `now_ns` that no command of that time made."""
+        """Return each held wrench as a change at `now_ns`, for the start of a log."""
         nothing = HeldWrench()
         acting = [i for i, hold in enumerate(self._holds) if hold.held != nothing or hold.transient is not None]
         changes = [self._applied(now_ns, i, orientation) for i in acting]
@@ -568,7 +568,7 @@ class WrenchChannels:
         self.take(command, time_ns)
 
     def scheduled(self, now_ns: int) -> HeldWrench | None:
-        """Return what effects will hold from `now_ns` on, where nothing of them acts yet; None for nothing."""
+        """Return the wrench that effects hold from `now_ns` on, if none of them acts yet; None if there is none."""
         due = [p for p in sorted(self._queue) if p.channel >= self._commanded and p.time_ns <= now_ns]
         newest = {pending.channel: pending.command.held for pending in due}
         total = None
@@ -585,8 +585,8 @@ class WrenchChannels:
         return CheckedWrench(channel, wrench, held, "", clipped)
 
     def _hold(self, channel: int, wrench: Wrench) -> tuple[HeldWrench, bool]:
-        """Return what a command does while it is held, and whether the limits of its channel made it smaller."""
-        # What is not a wrench at all has no size.
+        """Return the held wrench of a command, and whether the limits of its channel reduced it."""
+        # First check that it is a wrench at all.
         held, limits = self._frames.hold(wrench), self._channels[channel]
         limited = limits.limited(wrench)
         if limited is not wrench:
@@ -598,7 +598,7 @@ class WrenchChannels:
         return held, limited is not wrench
 
     def next_change_ns(self) -> int | None:
-        """Return when the held wrench changes next: a command or a timeout; None if it never does."""
+        """Return the next time at which the held wrench changes, by a command or a timeout; None if it never does."""
         times = [hold.expires_ns for hold in self._holds if hold.expires_ns is not None]
         if self.lag:
             times += [transient.end_ns for transient in self.transients()]
@@ -609,11 +609,11 @@ class WrenchChannels:
         return min(times, default=None)
 
     def transients(self) -> list[Transient]:
-        """Return what acts on channels that follow a change with a lag."""
+        """Return the transients of channels that follow a change with a lag."""
         return [hold.transient for hold in self._holds if hold.transient is not None]
 
     def on_their_way(self, now_ns: int, orientation: Quaternion) -> list[AppliedWrench]:
-        """Return what acts at `now_ns` on each channel that is not yet what it was commanded to be."""
+        """Return the wrench at `now_ns` of each channel that still follows a change with a lag."""
         going = [
             i
             for i, hold in enumerate(self._holds)
@@ -631,7 +631,7 @@ class WrenchChannels:
         return [*expiring, *(transient.end_ns for transient in self.transients())]
 
     def _follow(self, channel: int, hold: _Hold, now_ns: int) -> None:
-        """Let a channel hold something else from now on; with a lag, it comes from what acts now."""
+        """Let a channel hold another wrench from now on; with a lag, starting from the present one."""
         lag = self._channels[channel].lag
         if lag:
             before = self._holds[channel].at(now_ns)
@@ -641,10 +641,10 @@ class WrenchChannels:
     def apply(
         self, now_ns: int, orientation: Quaternion = IDENTITY
     ) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
-        """Make every change that is due at `now_ns` and return what changed, in order.
+        """Apply every change that is due at `now_ns` and return the changes, in order.
 
-        A command that comes at the very time of its channel's timeout wins over it. `orientation` (principal to world
-        axes) tells in body axes what follows with a lag from world to body axes.
+        A command exactly at the time of its channel's timeout takes precedence over it. `orientation` (principal to
+        world) is needed for a wrench that changes with a lag from world to body axes.
         """
         self._from_table(now_ns)
         due: list[_Pending] = []
@@ -655,7 +655,7 @@ class WrenchChannels:
             if not delay_ns or pending.on_its_way:
                 due.append(pending)
                 continue
-            # In the order in which they came, rejected ones among them.
+            # In the order of arrival, rejected ones included.
             topic, (_, received, held, reason, _) = self._channels[pending.channel].topic, pending.command
             if held is None:
                 self.came.append(RejectedWrench(now_ns, topic, received, reason))
@@ -683,13 +683,13 @@ class WrenchChannels:
 
     @property
     def huge(self) -> bool:
-        """Whether the last `apply` set more than any actuator gives: then a step must be tried first."""
+        """Whether the last `apply` set a wrench larger than any actuator gives: then a step must be tried first."""
         return any(self._acceleration(pending) > _HUGE for pending in self._done)
 
     def take_back(self, reason: str) -> RejectedWrench:
-        """Undo what the last `apply` did; the next one rejects the largest of its commands for `reason`.
+        """Undo the last `apply`; the next one rejects the largest of its commands for `reason`.
 
-        Returns that one.
+        Return that command.
         """
         largest = max(self._done, key=self._acceleration)
         self._holds = self._before
@@ -711,7 +711,7 @@ class WrenchChannels:
     def total(self) -> HeldWrench:
         """Return the sum of the channels, always in the order of the scene, so that its bits do not vary.
 
-        Without those on their way, which `transients` has.
+        Channels that still follow a change are in `transients` instead.
         """
         total = HeldWrench()
         for hold in self._holds:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 HELD = 12
-"""Numbers of a held wrench: force and torque in body axes, force and torque in world axes."""
+"""Size of a held wrench: force and torque in body axes, force and torque in world axes."""
 
 
 class Commands(Protocol):
-    """Commands that came together, by row."""
+    """Access to commands that were received together, by row."""
 
     def __call__(self, row: int) -> Wrench:
         """Return the command of a row."""
@@ -29,12 +29,12 @@ class Commands(Protocol):
 
 
 class Received(NamedTuple):
-    """Where the commands of rows are found.
+    """Where to find the command of each row.
 
     Attributes:
-        blocks: each returns the command of one of its own rows.
-        block: (n,), which of them has it.
-        row: (n,), where.
+        blocks: each returns the commands of its own rows.
+        block: (n,), number of the block.
+        row: (n,), row within the block.
     """
 
     blocks: tuple[Commands, ...]
@@ -52,12 +52,12 @@ class Received(NamedTuple):
         ]
 
     def some(self, rows: Whole | slice) -> Received:
-        """Return the same for some rows."""
+        """Return this for some rows only."""
         return Received(self.blocks, self.block[rows], self.row[rows])
 
     @classmethod
     def joined(cls, parts: Sequence[Received]) -> Received:
-        """Return one for all rows, without blocks that none of them needs."""
+        """Return `parts` joined, without blocks that no row needs."""
         import numpy as np
 
         blocks: list[Commands] = []
@@ -76,7 +76,7 @@ class CommandBatch(NamedTuple):
         time_ns: (n,), when each is to take effect.
         stamp_ns: (n,), its stamp.
         channel: (n,), its number in the order of the scene.
-        arrival: (n, 3), growing in the order in which those of one channel arrived: the first column counts most.
+        arrival: (n, 3), increasing lexicographically in the order of arrival within a channel.
         wrench: (n, 6), force (N) and torque (N m), in the axes of the frame.
         frame: (n,), number of the frame in `frame_ids`.
         frame_ids: names.
@@ -113,7 +113,7 @@ class CommandBatch(NamedTuple):
 
     @classmethod
     def empty(cls) -> CommandBatch:
-        """Return one without commands."""
+        """Return a batch without commands."""
         import numpy as np
 
         none, nothing = np.empty(0, dtype=np.int64), Received((), np.empty(0, np.int64), np.empty(0, np.int64))
@@ -157,8 +157,8 @@ class CommandTable(NamedTuple):
     """Commands that take effect unchanged.
 
     Attributes:
-        came: as received, by time, then arrival.
-        held: (n, `HELD`), what each does while it is held, body axes.
+        came: the commands as received, by time, then arrival.
+        held: (n, `HELD`), the held wrench of each command, body axes.
     """
 
     came: CommandBatch
@@ -195,15 +195,15 @@ class CommandTable(NamedTuple):
         return CommandTable(came, np.concatenate([self.held[rest], other.held]))
 
     def held_wrench(self, row: int) -> HeldWrench:
-        """Return what the command of a row does."""
+        """Return the held wrench of the command of a row."""
         return held_of(self.held[row].tolist())
 
 
 class Timeline(NamedTuple):
-    """When what all channels together hold changes, and to what.
+    """Changes of the sum of the held wrenches of all channels.
 
     Attributes:
-        time_ns: (k,), growing.
+        time_ns: (k,), increasing.
         held: (k, `HELD`), the sum over the channels from each time on, body axes.
     """
 
@@ -217,7 +217,7 @@ class Timeline(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What the channels of a run did, in the order in which sinks receive it.
+    """Changes of the channels of a run, in the order in which sinks receive them.
 
     Attributes:
         time_ns: (n,).
@@ -241,7 +241,7 @@ class Changes(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """What a channel holds now: numbers as in `CommandTable.held`, and when it expires; None for never."""
+    """The wrench that a channel holds now, as in `CommandTable.held`, and when it expires; None for never."""
 
     held: Sequence[float]
     expires_ns: int | None
@@ -252,7 +252,8 @@ def timeline(
 ) -> Timeline:
     """Return the changes up to `until_ns` that `rows` of `table` and the timeouts of the channels make.
 
-    A command that comes at the very time of its channel's timeout wins over it; of several of one time the last does.
+    A command exactly at the time of its channel's timeout takes precedence over it; of several at one time, the last
+    counts.
     """
     import numpy as np
 
@@ -278,7 +279,7 @@ def changes(
     topics: Sequence[str],
     frames: tuple[str, str],
 ) -> Changes:
-    """Return what `rows` of `table` and the timeouts of the channels do up to `until_ns`, see `timeline`."""
+    """Return the changes by `rows` of `table` and the timeouts of the channels up to `until_ns`, see `timeline`."""
     import numpy as np
 
     came, held = table.came.some(rows), table.held[rows]
@@ -290,7 +291,7 @@ def changes(
     numbers = np.repeat(np.arange(len(drops)), [len(each) for each in drops])
     time_ns, channel = np.concatenate([dropped, came.time_ns]), np.concatenate([numbers, came.channel])
     row = np.concatenate([np.full(len(dropped), -1), np.arange(len(came.time_ns))])
-    # At one time timeouts come first; then the channels in the order of the scene, each with its commands as they came.
+    # At one time timeouts come first; then the channels in the order of the scene, each with its commands by arrival.
     order = np.lexsort((row, channel, row >= 0, time_ns))
     in_world = np.isin(came.frame, [k for k, name in enumerate(came.frame_ids) if name == frames[1]])
     wrench = np.where(in_world[:, None], held[:, 6:], held[:, :6])
@@ -300,7 +301,7 @@ def changes(
 
 
 def _drops(times: Whole, now: Holding, timeout_ns: int, until_ns: int) -> Whole:
-    """Return when a channel times out, whose commands come at `times`: not where the next one comes by then."""
+    """Return when a channel with commands at `times` times out: never if the next command comes by then."""
     import numpy as np
 
     drops = times + timeout_ns

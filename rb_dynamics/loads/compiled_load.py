@@ -1,7 +1,7 @@
 """`EffectLoad`: the effects of the package as numbers, and their load as a kernel evaluates it.
 
-The functions are those of the effects themselves, so the bits are those of plain Python. What is not here, such as the
-effects of plug-ins, has no numbers: its scenes run in plain Python.
+The functions are those of the effects themselves, so the bits are those of plain Python. Effects that are not listed
+here, such as those of plug-ins, have no numbers: their scenes run in plain Python.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
-# Numbers of one effect: its kind, and what its load depends on. Behind the last effect stands how many there are; all
-# stand at the end of what a kernel is given, whatever is before them.
+# Numbers of one effect: its kind and its parameters. After the last effect comes the number of effects. All are at the
+# end of a kernel's array, whatever precedes them.
 _WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
-# What follows a lag is not a load of its own, see `transient.py`.
+# A lag is not a load of its own, see `transient.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)
-"""The numbers of no effect."""
+"""Numbers for a scene without effects."""
 
 
 class EffectLoad(NamedTuple):
     """A load in a kernel.
 
     Attributes:
-        numbers: that end with those of the effects.
-        time: at the start of the step, s since the start of the run.
-        position: of the centre of mass there, world axes, m.
+        numbers: array that ends with those of the effects.
+        time: start of the step, s since the start of the run.
+        position: of the centre of mass at the start, world axes, m.
     """
 
     numbers: Numbers
@@ -59,12 +59,13 @@ def effect_numbers(
 ) -> tuple[float, ...] | None:
     """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none.
 
-    `dipole` (A m^2, principal axes) is what the body has in their field; in one of several sources it has no numbers.
+    `dipole` (A m^2, principal axes) is that of the body in their magnetic field; with several sources there are no
+    numbers.
     """
     found: list[float] = []
     count = 0
     for effect in effects:
-        # Not those derived from them, which may do anything else.
+        # Exactly these types: derived ones may behave differently.
         kind = type(effect)
         if kind in _WITHOUT_LOAD:
             continue
@@ -124,7 +125,7 @@ def evaluated_by_numbers(
 
 
 def has_effects(c: Numbers) -> bool:
-    """Return whether there are any at the end of `c`."""
+    """Return whether there are effects at the end of `c`."""
     return bool(c[len(c) - 1] != 0.0)
 
 

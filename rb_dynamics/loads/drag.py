@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 class Resistance(NamedTuple):
-    """What the drag of one body depends on.
+    """Parameters of the drag of one body.
 
     Attributes:
-        power: of the speed, beyond the first: 0 or 1.
+        power: of the speed, in addition to the first power: 0 or 1.
         translation, rotation: coefficients along and about the body axes.
         medium: its velocity, world axes, m/s.
         axes: principal to body axes.
-        slowing: the rate at which it makes all differences of velocity decay, over |v - u|^power; 0 if it need not.
+        slowing: rate at which all differences of velocity decay, divided by |v - u|^power; 0 if they need not.
     """
 
     power: float
@@ -48,7 +48,7 @@ def resisted(r: Resistance, point: Point) -> tuple[Vector, Vector]:
 
 
 def slowed(r: Resistance, point: Point) -> float:
-    """Return the rate (1/s) at which it makes all differences of velocity decay; 0 where they need not."""
+    """Return the rate (1/s) at which all differences of velocity decay; 0 if they need not."""
     return r.slowing * _size(r, subtract(point.velocity, r.medium)) if r.slowing > 0.0 else 0.0
 
 
@@ -58,10 +58,10 @@ def _size(r: Resistance, velocity: Vector) -> float:
 
 @dataclass(frozen=True)
 class _Drag(Effect):
-    """Force -c |v - u|^power (v - u) and torque -k |w|^power w; it takes energy out at the rate of their powers.
+    """Force -c |v - u|^power (v - u) and torque -k |w|^power w, which dissipate energy.
 
     Attributes:
-        power: of the speed that the resistance grows with, beyond the first: 0 or 1.
+        power: of the speed, in addition to the first power: 0 or 1.
         translation: c along each body axis; acts through the centre of mass.
         rotation: k about each body axis.
         medium_velocity_world: u, m/s.
@@ -103,10 +103,10 @@ class _Drag(Effect):
         check_vector(self, "medium_velocity_world", "a velocity (m/s)")
 
     def check(self, body: RigidBody) -> None:
-        """Refuse rotational drag on a particle.
+        """Check that there is no rotational drag on a particle.
 
         Raises:
-            SceneError: the body is one and `rotation` is not zero.
+            SceneError: the body is a particle and `rotation` is not zero.
         """
         if body.is_particle and self.rotation != ZERO:
             raise SceneError(
@@ -117,8 +117,8 @@ class _Drag(Effect):
     def slowing(self, body: RigidBody) -> Slowing | None:
         """Return the slowest rate: the least c / m for linear drag, c |v - u| / m for quadratic drag alike on all axes.
 
-        None for other quadratic drag: the speed that its axes share fades along the axis of most drag, before it has
-        slowed the others.
+        None for other quadratic drag, which depends on the speed |v - u| common to all axes: it may vanish before the
+        velocity along axes with less drag has decayed.
         """
         resistance = self.resistance(body)
         return partial(slowed, resistance) if resistance.slowing > 0.0 else None

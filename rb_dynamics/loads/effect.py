@@ -1,6 +1,6 @@
 """`Effect`: something that acts on the body without being commanded, such as gravity or drag.
 
-An effect is data from the scene. It is asked once, for a given body, for each part that it may have (load, potential,
+An effect holds data from the scene. For a given body, it is asked once for each of its possible parts (load, potential,
 stored momentum); a part that it does not have costs nothing afterwards.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Point(NamedTuple):
-    """What an effect may depend on.
+    """The variables on which an effect may depend.
 
     Attributes:
         time: s since the start of the run.
@@ -39,7 +39,7 @@ class Point(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """What a part that moves inside the body has: angular momentum (kg m^2/s, principal axes) and energy (J)."""
+    """Angular momentum (kg m^2/s, principal axes) and energy (J) of a part that moves inside the body."""
 
     momentum: Vector
     energy: float
@@ -52,7 +52,7 @@ Potential = Callable[[Point], float]
 """Potential energy (J) at a point."""
 
 Storing = Callable[[Point], Stored]
-"""What moves inside the body at a point."""
+"""Momentum and energy of what moves inside the body at a point."""
 
 
 Slowing = Callable[[Point], float]
@@ -64,7 +64,7 @@ Field = Callable[[Vector], Vector]
 
 
 Sight = Callable[[Point], float]
-"""For how long (s) from a point on the load there tells what comes."""
+"""For how long (s) the load at a point predicts the load ahead."""
 
 
 class Effect:
@@ -73,7 +73,7 @@ class Effect:
     Attributes:
         kind: `type` in the scene's list of effects.
         takes: what its load depends on.
-        keys: of its entry in the scene, beside `type`.
+        keys: the other keys of its entry in the scene.
     """
 
     kind: ClassVar[str]
@@ -82,7 +82,7 @@ class Effect:
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Effect:
-        """Return the effect that an entry of a scene asks for; problems with its values are recorded there.
+        """Return the effect of an entry of a scene; problems with its values are recorded in the entry.
 
         Raises:
             SceneError: it cannot be made from these values.
@@ -90,56 +90,56 @@ class Effect:
         raise SceneError(f"{cls.kind}: cannot be read from a scene; add it in Python: replace(scene, effects=...)")
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a body on which it cannot act.
+        """Check that the effect can act on the body.
 
         Raises:
-            SceneError: the message says why, and what to do.
+            SceneError: it cannot; the message says why, and what to do.
         """
 
     def schedule(self, body: RigidBody) -> tuple[tuple[float, Wrench], ...]:
-        """Return the wrenches that it holds, each with the time (s) at which it begins; `WORLD` for world axes."""
+        """Return the held wrenches of the effect, each with its start time (s); `WORLD` for world axes."""
         return ()
 
     def knots(self) -> tuple[float, ...]:
-        """Return the times (s) at which its load has a kink: steps end there."""
+        """Return the times (s) at which the load is not smooth: steps end there."""
         return ()
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching | None:
-        """Return its load for the time from `start` (s) to the next knot; None where it has none that varies."""
+        """Return the load for the time from `start` (s) to the next knot; None if the effect has no varying load."""
         return None
 
     def potential(self, body: RigidBody) -> Potential | None:
-        """Return its potential energy; None where it has none."""
+        """Return the potential energy; None if the effect has none."""
         return None
 
     def slowing(self, body: RigidBody) -> Slowing | None:
-        """Return the rate at which it makes all differences of velocity decay; None where they need not.
+        """Return the rate at which all differences of velocity decay; None if they need not.
 
-        Along the motion it may fall like 1/t, as the body comes to rest, and no faster: drag that thins out has no such
-        rate.
+        Along the motion it may fall as 1/t while the body comes to rest, but no faster: drag in a medium that thins out
+        has no such rate.
         """
         return None
 
     def sight(self, body: RigidBody) -> Sight | None:
-        """Return for how long (s) the load at a point predicts the load ahead; None where it always does.
+        """Return for how long (s) the load at a point predicts the load ahead; None if it always does.
 
-        Steps by accuracy are no longer, so that none passes over a place where the load is strong without meeting it.
-        Greater than 0; infinite where nothing is near.
+        With `accuracy`, steps are no longer than that, so that none skips a region in which the load is strong. Greater
+        than 0; infinite where nothing is near.
         """
         return None
 
     def gravity(self) -> Field | None:
-        """Return its gravitational acceleration (m/s^2), which no accelerometer feels; None where it is not gravity."""
+        """Return the gravitational acceleration (m/s^2), which no accelerometer measures; None if it is not gravity."""
         return None
 
     def magnetic_field(self) -> Field | None:
-        """Return its magnetic flux density (T), at time 0 where it changes; None where it has none."""
+        """Return the magnetic flux density (T), at time 0 if it varies; None if the effect has none."""
         return None
 
     def magnetic_field_at(self, time: float) -> Field | None:
-        """Return its magnetic flux density (T) at a time (s of the run); None where it has none."""
+        """Return the magnetic flux density (T) at a time (s of the run); None if the effect has none."""
         return self.magnetic_field()
 
     def storing(self, body: RigidBody) -> Storing | None:
-        """Return what moves inside the body by it; None where nothing does."""
+        """Return momentum and energy of what moves inside the body; None if nothing does."""
         return None

@@ -36,7 +36,7 @@ def _knot(k: int, pair: object) -> tuple[float, float]:
 
 
 class Spin(NamedTuple):
-    """A rotor between two knots: its axis (principal axes), inertia, and its rate from `begin` (s) on."""
+    """A rotor between two knots: axis (principal axes), inertia, and rate from `begin` (s) on."""
 
     axis: Vector
     inertia: float
@@ -46,7 +46,7 @@ class Spin(NamedTuple):
 
 
 def reaction(s: Spin, point: Point) -> tuple[Vector, Vector]:
-    """Return what the rotor does to the body, -w x h - h': an inner torque, no force."""
+    """Return the inner torque of the rotor on the body, -w x h - h', and no force."""
     h = scale(s.inertia * (s.rate + s.slope * (point.time - s.begin)), s.axis)
     return ZERO, subtract(scale(-s.inertia * s.slope, s.axis), cross(point.angular_velocity, h))
 
@@ -55,12 +55,12 @@ def reaction(s: Spin, point: Point) -> tuple[Vector, Vector]:
 class Rotor(Effect):
     """A wheel of axial inertia J (kg m^2) about the unit axis a, at the rate s(t) (rad/s) relative to the body.
 
-    With h = J s a the whole has the angular momentum L = I w + h, where I is the inertia of body and rotor with the
-    rotor locked, and I w' = N - w x (I w + h) - h' (Hughes, Spacecraft Attitude Dynamics, section 3.4). The energy is
-    w . I w / 2 + J s a . w + J s^2 / 2; the motor does the work that keeps the rate and changes it.
+    With h = J s a, body and rotor together have the angular momentum L = I w + h, where I is the inertia of body and
+    rotor with the rotor locked, and I w' = N - w x (I w + h) - h' (Hughes, Spacecraft Attitude Dynamics, section 3.4).
+    The energy is w . I w / 2 + J s a . w + J s^2 / 2; the motor does the work that maintains and changes the rate.
 
     Attributes:
-        axis_body: direction of the axis, body axes; its length does not count.
+        axis_body: direction of the axis, body axes; its length does not matter.
         axial_inertia: J, already counted in the inertia of the body.
         spin_rate: (time in s, rate in rad/s) pairs in order of time; linear between, constant before and after.
     """
@@ -91,11 +91,11 @@ class Rotor(Effect):
         return cls(axis, inertia, ((0.0, entry.number("spin_rate", f"{_RATE} or a list of {{time:, rate:}}")),))
 
     def __post_init__(self) -> None:
-        """Put the knots on whole nanoseconds, where steps can end.
+        """Check the arguments, and round the knots to whole nanoseconds, where steps can end.
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: no rotor is like that.
+            SceneError: a value is not possible for a rotor.
         """
         check_vector(self, "axis_body", "the direction of its axis", direction=True)
         check_numbers(self)
@@ -109,7 +109,7 @@ class Rotor(Effect):
         object.__setattr__(self, "spin_rate", knots)
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a rotor that is not a part of `body`.
+        """Check that the rotor can be a part of `body`.
 
         Raises:
             SceneError: the body is a particle, or its inertia about the axis is smaller than the rotor's.
@@ -127,7 +127,7 @@ class Rotor(Effect):
         return tuple(time for time, _ in self.spin_rate) if len(self.spin_rate) > 1 else ()
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
-        """Return what the rotor does to the body, -w x h - h': an inner torque, no force."""
+        """Return the inner torque of the rotor on the body, -w x h - h', and no force."""
         return partial(reaction, self.spin(body, start))
 
     def spin(self, body: RigidBody, start: float) -> Spin:

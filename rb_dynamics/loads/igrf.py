@@ -17,9 +17,9 @@ from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.vector import Vector, subtract
 
 EPOCH = "a date and time of UTC within the model, such as 2025-06-01T12:00:00Z"
-"""What is expected of an epoch."""
+"""Valid epochs, for error messages."""
 
-# m, to which the coefficients refer; and the core, inside which the series has no meaning.
+# m: the radius to which the coefficients refer, and that of the core, inside which the series is not valid.
 _RADIUS, _CORE = 6.3712e6, 3.4855e6
 
 # The Earth rotation angle (IERS Conventions 2010, eq. 5.15), in turns, and turns per day.
@@ -29,7 +29,7 @@ _J2000 = datetime(2000, 1, 1, 12, tzinfo=timezone.utc)
 
 
 class Term(NamedTuple):
-    """One term of the series: degree, order, and its coefficients (T) for associated Legendre functions as they are."""
+    """One term of the series: degree, order, and coefficients (T) for unnormalised associated Legendre functions."""
 
     n: int
     m: int
@@ -59,7 +59,7 @@ def rotation_angle(epoch: datetime, seconds: float) -> float:
 
 @cache
 def terms_at(epoch: str) -> tuple[Term, ...]:
-    """Return the terms at an epoch, between those of the model in straight lines of time.
+    """Return the terms at an epoch, interpolated linearly between those of the model.
 
     Raises:
         SceneError: the epoch is not a time, or beyond the model; or ppigrf is not installed.
@@ -101,7 +101,7 @@ def term(n: int, m: int, g: float, h: float) -> Term:
 def flux_density(terms: Sequence[Term], place: Vector) -> Vector:
     """Return B (T) of the series at a place from the centre (m), in axes that turn with the Earth.
 
-    B = -grad V by Cunningham's recursion, which has no singular place but the centre (Montenbruck & Gill, Satellite
+    B = -grad V by Cunningham's recursion, which is singular only at the centre (Montenbruck & Gill, Satellite
     Orbits, section 3.2.4-3.2.5, with a for G M / R).
 
     Raises:
@@ -140,7 +140,7 @@ def flux_density(terms: Sequence[Term], place: Vector) -> Vector:
 
 
 def field_in_world(epoch: str, seconds: float, center: Vector, place: Vector) -> Vector:
-    """Return B (T, world axes) at a place (m, world axes), so long after `epoch`, with the coefficients of `epoch`."""
+    """Return B (T, world axes) at a place (m, world axes), `seconds` after `epoch`, whose coefficients are used."""
     angle = rotation_angle(parsed(epoch), seconds)
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = subtract(place, center)

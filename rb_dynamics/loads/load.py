@@ -32,12 +32,12 @@ class Load(Protocol):
 def evaluated(
     load: Load, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, angular_velocity: Vector
 ) -> tuple[Vector, Vector]:
-    """Return what `load` returns; in a kernel, where a load is numbers, what `compiled_load.py` makes of them."""
+    """Evaluate `load`; in a kernel, where a load is an array of numbers, `compiled_load.py` has this function."""
     return load(t, displacement, velocity, orientation, angular_velocity)
 
 
 class LoadDependence(IntEnum):
-    """What a load depends on: an effect declares it, and a method declares the most it takes.
+    """What a load depends on. An effect declares it; a method declares the most that it supports.
 
     Each value includes the ones before it.
     """
@@ -49,7 +49,7 @@ class LoadDependence(IntEnum):
     ANY = 2
     """The velocities too."""
     STATES = 3
-    """States of its own besides, such as the speeds of wheels."""
+    """In addition, inner states, such as the momenta of wheels."""
 
 
 Takes = LoadDependence

@@ -30,7 +30,7 @@ _MU_0_BY_4_PI = 1e-7
 
 
 class Source(NamedTuple):
-    """A uniform flux density (T), or a dipole moment (A m^2) and where it is (m); world axes."""
+    """A uniform flux density (T), or a dipole moment (A m^2) and its place (m); world axes."""
 
     is_dipole: bool
     field: Vector
@@ -73,9 +73,9 @@ class MagneticField(Effect):
 
     Attributes:
         model: `uniform`, `dipole` or `igrf`.
-        field_world: T, of the uniform field.
-        moment_world: A m^2, of the dipole; the Earth's, about -7.8e22 along its axis, points south.
-        center_world: m, where the dipole or the centre of the Earth is.
+        field_world: flux density of the uniform field, T.
+        moment_world: moment of the dipole, A m^2; the Earth's, about -7.8e22 along its axis, points south.
+        center_world: place of the dipole or of the centre of the Earth, m.
         epoch: UTC of time 0, ISO 8601, for `igrf`.
     """
 
@@ -148,5 +148,5 @@ class MagneticField(Effect):
 
     @property
     def source(self) -> Source:
-        """Where it comes from; none for `igrf`, which has terms instead."""
+        """The source of a uniform or dipole field; None for `igrf`, which has terms instead."""
         return Source(self.model == "dipole", self.field_world, self.moment_world, self.center_world)

@@ -30,8 +30,8 @@ class Magnetorquer(Actuator):
     hardly changes over the body.
 
     Attributes:
-        axis: body axes; its length does not count.
-        max_dipole: A m^2, either way; a larger command is clipped.
+        axis: body axes; its length does not matter.
+        max_dipole: largest dipole in both directions, A m^2; a larger command is clipped.
     """
 
     kind: ClassVar[str] = "magnetorquer"
@@ -50,7 +50,7 @@ class Magnetorquer(Actuator):
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: a number is out of range, or there is no axis.
+            SceneError: a number is out of range, or the axis is zero.
         """
         super().__post_init__()
         check_vector(self, "axis", "the direction of its axis", direction=True)
@@ -70,7 +70,7 @@ class Magnetorquer(Actuator):
         return "A m^2"
 
     def dipole(self, value: float) -> Vector:
-        """Return its dipole (A m^2, body axes) under a command."""
+        """Return the dipole (A m^2, body axes) of a command."""
         return scale(value / norm(self.axis), self.axis)
 
     def _accept(self, value: float) -> Accepted:

@@ -1,4 +1,4 @@
-"""`Range`: which numbers an effect, an actuator or a sensor accepts, defined once for scenes and for Python."""
+"""`Range`: the numbers that an effect, an actuator or a sensor accepts, defined once for scenes and for Python."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Range(NamedTuple):
     most: float = math.inf
 
     def holds(self, value: float) -> bool:
-        """Return whether a finite number is one of them."""
+        """Return whether a finite number is in the range."""
         return self.least <= value <= self.most and value > self.above
 
 
@@ -39,7 +39,7 @@ class Ranged(Protocol):
 
 
 def check_numbers(item: Ranged) -> None:
-    """Make each number with a range a float.
+    """Convert each number with a range to a float.
 
     Raises:
         TypeError: one is not a number.
@@ -51,7 +51,7 @@ def check_numbers(item: Ranged) -> None:
 
 
 def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: bool = False) -> None:
-    """Make the attribute `name` three floats; a `direction` is not too short or too long to be made a unit vector.
+    """Convert the attribute `name` to three floats; a `direction` is scaled so that it can be normalised.
 
     Raises:
         TypeError: it is not a sequence of numbers.
@@ -64,7 +64,7 @@ def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: 
 
 
 def read_numbers(kind: type[Ranged], entry: SceneEntry, names: Collection[str] = ()) -> dict[str, float]:
-    """Return the numbers with a range in an entry of a scene, or these of them; without a default one is required."""
+    """Return the numbers with a range in an entry of a scene, all or `names`; those without a default are required."""
     defaults = {each.name: None if each.default is MISSING else each.default for each in fields(kind)}
     return {
         name: entry.number(name, each.expected, each.holds, each.remedy, defaults[name])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COMMANDS = ("torque", "speed")
 
 NEAR_LIMIT = 0.95
-"""Part of `max_speed` from which a wheel is near it."""
+"""Fraction of `max_speed` from which a wheel counts as near it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,22 +35,22 @@ class ReactionWheel(Actuator):
     and friction on the wheel, whose reaction acts on the body (Hughes, Spacecraft Attitude Dynamics, section 3.4).
 
     The friction is f = -c sign W - v W; at rest it holds the wheel up to c. A commanded torque u is held until the next
-    command; at `max_speed` it is limited to what holds that speed. A commanded speed is approached with
-    `max_torque`, and held with what that takes, up to `max_torque`.
+    command; at `max_speed` it is limited to the torque that holds that speed. A commanded speed is approached with
+    `max_torque`, and then held with the torque that this takes, up to `max_torque`.
 
     Attributes:
-        axis: body axes; its length does not count.
+        axis: body axes; its length does not matter.
         inertia: J, kg m^2.
         command: `torque` (N m, on the wheel about its axis) or `speed` (rad/s relative to the body).
-        max_torque: N m of the motor, either way; infinite for no limit, which a commanded speed must have.
-        max_speed: rad/s relative to the body, either way.
+        max_torque: of the motor, in both directions, N m; infinite for no limit. A commanded speed needs a limit.
+        max_speed: relative to the body, in both directions, rad/s.
         coulomb: c, N m.
         viscous: v, N m s/rad.
         speed: W at the start, rad/s.
         static_imbalance: U_s, kg m: the force U_s W^2 at `position`, which turns with the wheel.
-        dynamic_imbalance: U_d, kg m^2: the torque U_d W^2, which turns likewise.
-        phase: rad, where force and torque point at the start: the angle about the axis from y, made perpendicular to
-            it, where the axis is nearest to x; from z where it is nearest to y, from x where it is nearest to z.
+        dynamic_imbalance: U_d, kg m^2: the torque U_d W^2, which also turns with the wheel.
+        phase: direction of force and torque at the start: angle about the axis, rad, from y if the axis is closest to
+            x, from z if it is closest to y, from x if it is closest to z, made perpendicular to the axis.
         position: of the wheel, body axes, m, from the body origin; needed with a static imbalance.
     """
 
@@ -87,7 +87,7 @@ class ReactionWheel(Actuator):
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: a number is out of range, or there is no axis or no such command.
+            SceneError: a number is out of range, the axis is zero, or there is no such command.
         """
         super().__post_init__()
         check_vector(self, "axis", "the direction of its axis", direction=True)
@@ -153,11 +153,11 @@ class ReactionWheel(Actuator):
 
     @property
     def is_balanced(self) -> bool:
-        """Whether it does not shake the body."""
+        """Whether the wheel has no imbalance."""
         return self.static_imbalance == 0.0 == self.dynamic_imbalance
 
     def check(self, body: RigidBody) -> None:
-        """Refuse a wheel that is not a part of `body`.
+        """Check that the wheel can be a part of `body`.
 
         Raises:
             SceneError: the body is a particle, or its inertia about the axis is not greater than the wheel's.
@@ -171,7 +171,7 @@ class ReactionWheel(Actuator):
             )
 
     def axis_in(self, body: RigidBody) -> Vector:
-        """Return its axis, of length 1, in principal axes."""
+        """Return the unit vector of the axis in principal axes."""
         axis = rotate_inverse(body.principal_orientation_xyzw, self.axis)
         return scale(1.0 / norm(axis), axis)
 

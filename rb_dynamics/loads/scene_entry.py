@@ -1,6 +1,6 @@
 """`SceneEntry`: one entry of a list of effects, actuators or sensors in a scene, from which each kind reads its values.
 
-Every problem is recorded with its line, so that one error reports all of them; the value returned for it is a
+Every problem is recorded with its line, so that one error reports all of them; the returned value is then a
 placeholder.
 """
 
@@ -25,12 +25,12 @@ def _any(_: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SceneEntry:
-    """The values of one entry, and what they are checked against.
+    """The values of one entry, and what is needed to check them.
 
     Attributes:
         section: the values by key.
-        body: that of the scene; None if the scene has no valid one.
-        frames: resolve the frames of wrenches.
+        body: the body of the scene; None if the scene has no valid one.
+        frames: the frames that wrenches may be given in.
     """
 
     section: Section
@@ -44,21 +44,21 @@ class SceneEntry:
 
     @property
     def name(self) -> str:
-        """The text at `name`, whose faults have been recorded."""
+        """The text at the key `name`; its faults have been recorded."""
         node = self.section.values.get("name")
         return node.value if node is not None and isinstance(node.value, str) else ""
 
     def has(self, name: str) -> bool:
-        """Return whether the key `name` is there."""
+        """Return whether the entry has the key `name`."""
         return name in self.section.values
 
     def is_list(self, name: str) -> bool:
-        """Return whether there is a list at `name`."""
+        """Return whether the value of `name` is a list."""
         field = self.section.get(name)
         return field is not None and isinstance(field.node.value, list)
 
     def reject(self, expected: str, remedy: str, key: str = "") -> None:
-        """Record that the entry, or its value at `key` if present, is not what was `expected`."""
+        """Record that the entry, or its value at `key` if there is one, is not what was `expected`."""
         field = self.section.get(key) if key else self.section.field
         if field is not None:
             field.reject(expected, remedy)
@@ -76,7 +76,7 @@ class SceneEntry:
         return self.section.number(name, rule, 1.0 if default is None else default, required=default is None)
 
     def vector(self, name: str, expected: str, default: Vector | None = None) -> Vector:
-        """Return three finite numbers, each `expected`; required if there is no `default`."""
+        """Return the three finite numbers at `name`; required if there is no `default`."""
         field = self.section.get(name)
         if field is not None:
             return field.vector(Rule(expected))

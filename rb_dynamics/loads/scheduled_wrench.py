@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScheduledWrench(Effect):
-    """Wrenches by the time (s) at which each begins, in order; the wrench rule says in which axes and where they act.
+    """Wrenches with the time (s) at which each begins, in order; the wrench rule says in which axes and where they act.
 
-    Energy: their work is booked like that of any wrench; there is no potential.
+    Energy: their work is accumulated like that of any wrench; there is no potential.
     """
 
     kind: ClassVar[str] = "scheduled_wrench"
@@ -29,7 +29,7 @@ class ScheduledWrench(Effect):
     entries: tuple[tuple[float, Wrench], ...]
 
     def __post_init__(self) -> None:
-        """Keep what a list holds now, and refuse what is not a schedule.
+        """Copy and check the entries.
 
         Raises:
             TypeError: an entry is not a pair of a time and a wrench.

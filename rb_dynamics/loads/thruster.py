@@ -25,18 +25,18 @@ class Thruster(Actuator):
     """While open, exerts `force` along the x axis of its frame, at the frame's origin.
 
     A command takes effect `delay` after it arrives: open for `on_time` seconds, or at `level` (0 to 1) times the force
-    until the next command. It replaces the one before: `on_time` 0 closes. Edges fall on their nanosecond, so that an
-    impulse is force times time. With `rise` and `fall` the force goes to its new level along a straight line from each
+    until the next command. It replaces the previous command: `on_time` 0 closes. Edges fall on their exact nanosecond,
+    so that an impulse is force times time. With `rise` and `fall`, the force ramps linearly to its new level from each
     edge on: a pulse of at least `rise` has the impulse F (on-time - rise / 2 + fall / 2).
 
     Attributes:
-        frame: where it is, one of the body's fixed frames.
-        force: N.
+        frame: one of the body's fixed frames, with the thruster at its origin.
+        force: of the open thruster, N.
         command: `on_time` or `level`.
-        minimum_on: s; a shorter on-time greater than 0 is rejected.
-        delay: s from a command to its edge.
-        rise: s from no force to the whole; 0 for at once.
-        fall: s from the whole force to none; 0 for at once.
+        minimum_on: shortest on-time, s; a shorter one greater than 0 is rejected.
+        delay: time from a command to its edge, s.
+        rise: time from no force to full force, s.
+        fall: time from full force to no force, s.
     """
 
     kind: ClassVar[str] = "thruster"
@@ -87,7 +87,7 @@ class Thruster(Actuator):
 
     @property
     def takes(self) -> LoadDependence:  # type: ignore[override]
-        """What its load depends on: on time while it rises and falls."""
+        """The load depends on time if the force rises or falls gradually."""
         return LoadDependence.FIELD if self.rise or self.fall else LoadDependence.HELD
 
     @property
@@ -96,11 +96,11 @@ class Thruster(Actuator):
         return "s" if self.command == "on_time" else "of its force"
 
     def way(self, level: float) -> float:
-        """Return how long (s) its force takes to rise by `level` times the whole, or to fall by it if negative."""
+        """Return the time (s) in which the force rises by `level` times the full force, or falls if it is negative."""
         return level * self.rise if level > 0.0 else -level * self.fall
 
     def held(self, frames: WrenchFrames, level: float) -> HeldWrench:
-        """Return its wrench about the centre of mass at `level` times its force."""
+        """Return the wrench about the centre of mass at `level` times the full force."""
         return frames.hold(Wrench((level * self.force, 0.0, 0.0), frame_id=self.frame))
 
     def _accept(self, value: float) -> Accepted:

@@ -17,7 +17,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, scale
 
-# Time constants after which an exponential is over: exp(-40) = 4e-18 of a change is less than its rounding.
+# Time constants after which an exponential change counts as complete: exp(-40) = 4e-18 of it is below round-off.
 _OVER = 40.0
 
 
@@ -27,9 +27,9 @@ class Transient(NamedTuple):
     Attributes:
         before: the wrench at `since_ns`.
         after: the wrench at the end.
-        since_ns: when it began.
-        length: s: the time constant of an exponential, or how long a straight line takes.
-        is_linear: which of the two it is.
+        since_ns: start time.
+        length: time constant of an exponential change, or duration of a linear one, s.
+        is_linear: whether the change is linear.
     """
 
     before: HeldWrench
@@ -40,11 +40,11 @@ class Transient(NamedTuple):
 
     @property
     def end_ns(self) -> int:
-        """When it is over."""
+        """End time."""
         return self.since_ns + max(1, nanoseconds(self.length if self.is_linear else _OVER * self.length))
 
     def aged(self, age: float) -> HeldWrench:
-        """Return what acts `age` s after it began.
+        """Return the wrench `age` s after the start.
 
         With two weights the result is exact to a few roundings of itself, also where it begins or ends at zero.
         """
@@ -53,11 +53,11 @@ class Transient(NamedTuple):
         return scaled(old, self.before) + scaled(new, self.after)
 
     def at(self, time_ns: int) -> HeldWrench:
-        """Return what acts at a time."""
+        """Return the wrench at a time."""
         return self.aged((time_ns - self.since_ns) / NANOSECONDS)
 
     def sight(self, age: float) -> float:
-        """Return for how long (s) it can be predicted: a step over many time constants would miss it."""
+        """Return for how long (s) it can be predicted: a step over many time constants would skip it."""
         return math.inf if self.is_linear else self.length * math.exp(min(age / self.length, _OVER))
 
 
@@ -67,7 +67,7 @@ def scaled(factor: float, held: HeldWrench) -> HeldWrench:
 
 
 def seen_in_one_frame(held: HeldWrench, orientation: Quaternion, body: RigidBody | None) -> tuple[bool, Vector, Vector]:
-    """Return whether a wrench is given in world axes, force and torque; in body axes where it has parts in both.
+    """Return whether the wrench is in world axes, and its force and torque; in body axes if it has parts in both.
 
     `orientation` is from principal to world axes.
     """
@@ -82,10 +82,10 @@ def seen_in_one_frame(held: HeldWrench, orientation: Quaternion, body: RigidBody
 
 
 class TransientLoad:
-    """The load of one step with transients: what else acts, and what they do."""
+    """The load of one step with transients: their wrenches, and another load."""
 
     def __init__(self, transients: Sequence[Transient], ages: Sequence[float], load: Load | None) -> None:
-        """Begin a step when the transients, with body parts in principal axes, are so old (s)."""
+        """Begin a step at the given ages (s) of the transients, whose body parts are in principal axes."""
         self._transients, self._ages, self._load = transients, ages, load
 
     def __call__(

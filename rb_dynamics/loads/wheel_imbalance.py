@@ -1,8 +1,8 @@
-"""The imbalance of a wheel as what it does to the body: a force and a torque that turn with it.
+"""The imbalance of a wheel: a force and a torque on the body that turn with the wheel.
 
-With the speed W and a direction u across the axis that turns with the wheel, the force is U_s W^2 u at the wheel's
-place, and the torque U_d W^2 u beside that of the force: the simple model of disturbance budgets. Both act from
-outside: the momentum that they carry is not taken from the wheel.
+With the speed W and a direction u perpendicular to the axis that turns with the wheel, the force is U_s W^2 u at the
+wheel's place, and the torque is U_d W^2 u in addition to that of the force: the simple model of disturbance budgets.
+Both act like external loads: the wheel does not lose the momentum that they transfer.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 SEEN = 0.5 * math.pi
-"""Angle (rad) by which a wheel may turn in a step: beyond it, errors of a step may look small by chance."""
+"""Largest angle (rad) by which a wheel may turn in a step: beyond it, the error of a step may seem small by chance."""
 
 RESOLVED = math.pi
-"""Angle (rad) by which a wheel may turn in a fixed step: there the motion is off by 1e-4 of what its imbalance does."""
+"""Largest angle (rad) by which a wheel may turn in a fixed step: the error is then 1e-4 of the imbalance's effect."""
 
 
 class WheelImbalance(NamedTuple):
@@ -43,7 +43,7 @@ class WheelImbalance(NamedTuple):
 
 
 def imbalances(wheels: Sequence[ReactionWheel], body: RigidBody) -> tuple[WheelImbalance, ...]:
-    """Return those of the wheels that have one."""
+    """Return the imbalances of the wheels that have one."""
     found = []
     for k, wheel in enumerate(wheels):
         if not wheel.is_balanced:
@@ -62,8 +62,7 @@ def imbalances(wheels: Sequence[ReactionWheel], body: RigidBody) -> tuple[WheelI
 def across(axis: Vector) -> tuple[Vector, Vector]:
     """Return the directions of the angle 0 and of a quarter turn about `axis`, in the same axes.
 
-    The first is that of y where the largest component of `axis` is x, of z where it is y, of x where it is z, made
-    perpendicular to it.
+    The first is y if the largest component of `axis` is x, z if it is y, x if it is z, made perpendicular to the axis.
     """
     axis = scale(1.0 / norm(axis), axis)
     x, y, z = map(abs, axis)
@@ -74,7 +73,7 @@ def across(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def shaking(of: Sequence[WheelImbalance], speeds: Sequence[float], angles: Sequence[float]) -> tuple[Vector, Vector]:
-    """Return force (N) and torque (N m) of imbalances, at the speeds of all wheels and the angles of theirs."""
+    """Return force (N) and torque (N m) of imbalances, at the speeds of all wheels and angles of unbalanced ones."""
     force, torque = ZERO, ZERO
     for each, angle in zip(of, angles, strict=True):
         square = speeds[each.wheel] * speeds[each.wheel]
@@ -86,6 +85,6 @@ def shaking(of: Sequence[WheelImbalance], speeds: Sequence[float], angles: Seque
 
 
 def time_to_turn(speed: float, acceleration: float) -> float:
-    """Return how long (s) a wheel takes at least to turn by `SEEN`, as it turns (rad/s) and at most speeds up."""
+    """Return the shortest time (s) for a wheel to turn by `SEEN`, from its speed (rad/s) and largest acceleration."""
     rate = abs(speed) + math.sqrt(speed * speed + 2.0 * SEEN * acceleration)
     return 2.0 * SEEN / rate if rate > 0.0 else math.inf

@@ -1,4 +1,4 @@
-"""`WheelSet`: the reaction wheels of one run: which of them turn freely, and what they and the body do to each other.
+"""`WheelSet`: the reaction wheels of one run: which of them turn freely, and their interaction with the body.
 
 A wheel is free, or it is held at a constant speed relative to the body: at rest by friction, or at its largest or its
 commanded speed by the drive. A wheel changes between the two only at certain times, between which the motion is smooth;
@@ -28,15 +28,15 @@ from rb_dynamics.numerics.vector import multiply as times
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
-# The volume that axes must span, of 1 for three that are perpendicular.
+# Least volume that three unit axes must span; it is 1 if they are perpendicular.
 _FLAT = 1e-6
 
 _ACCUMULATED = 6
-"""States behind the momenta: motor work, friction heat, work and impulse of the inner torque."""
+"""Number of states after the momenta: motor work, friction heat, work and impulse of the inner torque."""
 
-# What `inner_torque` reads: how many wheels there are, and row by row the inverse of the inertia without the free ones;
-# then of each wheel its inertia and axis, viscous and Coulomb friction, how it is held (one of the next three), and
-# while it is free the torque of the motor and the constant part of the friction.
+# Numbers that `inner_torque` reads: number of wheels, and row by row the inverse of the inertia without the free ones;
+# then for each wheel inertia and axis, viscous and Coulomb friction, state (one of the next three) and, while it is
+# free, torque of the motor and constant part of the friction.
 _BEFORE, _EACH = 10, 9
 _FREE, _AT_SPEED, _AT_REST = 0.0, 1.0, 2.0
 
@@ -45,14 +45,14 @@ class _Wheel(NamedTuple):
     """The present state of motion of a wheel.
 
     Attributes:
-        command: its torque (N m) or speed (rad/s).
-        point: the speed at which it may stay: rest, its largest or its commanded speed; None elsewhere.
-        held: whether it stays there.
+        command: torque (N m) or speed (rad/s).
+        point: the speed at which the wheel may be held: rest, its largest or its commanded speed; None at other speeds.
+        held: whether it is held there.
         motor: torque of the motor while it is free, N m.
         coulomb: constant part of the friction's torque while it is free, N m.
-        low: rad/s, the speed below which it is no longer as free as it is.
-        high: rad/s, the speed above which that is so.
-        left: the point that it was released from at this very time; None elsewhere.
+        low: lower end of the range of speeds in which it stays free, rad/s.
+        high: upper end of that range, rad/s.
+        left: the point from which it was released at the present time; None otherwise.
     """
 
     command: float
@@ -66,7 +66,7 @@ class _Wheel(NamedTuple):
 
     @property
     def where(self) -> float | None:
-        """The point at which it is, held or not; None elsewhere."""
+        """The point at which the wheel is, held or not; None at other speeds."""
         return self.left if self.point is None else self.point
 
 
@@ -74,11 +74,11 @@ class WheelSet:
     """The wheels of one run, in the order of the scene.
 
     Attributes:
-        imbalances: of those that have one.
+        imbalances: imbalances of the wheels that have one.
     """
 
     def __init__(self, wheels: Sequence[ReactionWheel], body: RigidBody) -> None:
-        """Start at the speeds of the scene, without torques; where a speed is commanded, that of the start."""
+        """Start at the speeds of the scene, without torques; a wheel with commanded speed holds its initial speed."""
         self.wheels = tuple(wheels)
         self._moments = body.principal_moments
         self._axes = tuple(wheel.axis_in(body) for wheel in wheels)
@@ -91,17 +91,17 @@ class WheelSet:
 
     @property
     def now(self) -> list[_Wheel]:
-        """How each turns now, for `restore`."""
+        """Present state of motion of each wheel, for `restore`."""
         return list(self._now)
 
     def restore(self, now: Sequence[_Wheel]) -> None:
-        """Turn as then."""
+        """Return to an earlier state of motion."""
         self._now = list(now)
         self._invert()
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """How they turn now, for kernels; see `_BEFORE`."""
+        """Numbers of the present state of motion, for kernels; see `_BEFORE`."""
         if self._numbers is None:
             found = [float(len(self.wheels)), *(each for row in self._inverse for each in row)]
             for wheel, axis, now in zip(self.wheels, self._axes, self._now, strict=True):
@@ -119,12 +119,12 @@ class WheelSet:
         """Apply the command of wheel k, which turns with `speed`; `settle` then decides whether it is held."""
         point = self._now[k].where
         self._set(k, command=value, point=point)
-        # It is still at rest or at its largest speed; it does not stay at a speed that was commanded before.
+        # It may still be held at rest or at its largest speed, but not at a speed that was commanded before.
         if point is None or point not in self._points(k):
             self._place(k, speed)
 
     def move_on(self) -> None:
-        """Let time go on: wheels that were released have left their points."""
+        """Record that time advances: released wheels have left their points."""
         if any(wheel.left is not None for wheel in self._now):
             self._now = [wheel._replace(left=None) for wheel in self._now]
 
@@ -142,7 +142,7 @@ class WheelSet:
         return Stored(momentum, energy)
 
     def booked(self, states: Sequence[float]) -> tuple[float, float, float, Vector]:
-        """Return work of the motors, heat of friction, and what the inner torque added to work and impulse."""
+        """Return work of the motors, heat of friction, and work and impulse of the inner torque."""
         count = len(self.wheels)
         motor, heat, work, x, y, z = states[count : count + _ACCUMULATED]
         return motor, heat, work, (x, y, z)
@@ -150,7 +150,7 @@ class WheelSet:
     def moved(
         self, before: tuple[Quaternion, Vector], after: tuple[Quaternion, Vector], states: Sequence[float]
     ) -> tuple[float, ...]:
-        """Return the states when the body is moved to attitude and rate `after`: wheels keep their speeds."""
+        """Return the states after the body has been moved to attitude and rate `after`; wheels keep their speeds."""
         speeds = zip(self.wheels, self._axes, self.speeds(before[1], states), strict=True)
         momenta = [wheel.inertia * (speed + dot(axis, after[1])) for wheel, axis, speed in speeds]
         was, became = self.stored(before[1], states), self.stored(after[1], momenta)
@@ -160,11 +160,10 @@ class WheelSet:
         return (*momenta, motor, heat, work, *subtract(impulse, turned), *self._angles(states))
 
     def settle(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> None:
-        """Decide which wheels are held, under a torque from outside (principal axes): asked only where one may be.
+        """Decide which wheels are held, under an external torque (principal axes).
 
-        First all wheels at a speed where they may stay are held; those that cannot be are released, until all others
-        can. What was decided before at this very time counts for nothing, so that commands of one time may come one by
-        one.
+        First, all wheels at a point are held; then those that cannot be held are released, until all others can.
+        Earlier decisions at the same time do not matter, so that commands of one time may come one by one.
         """
         speeds = self.speeds(omega, states)
         self._now = [wheel._replace(point=wheel.where, held=wheel.where is not None) for wheel in self._now]
@@ -179,7 +178,7 @@ class WheelSet:
             self._let_go(*going[0], speeds[going[0][0]])
 
     def switching(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[int]:
-        """Return the wheels that no longer turn as they do now; `torque` as for `settle`."""
+        """Return the wheels whose state of motion has to change; `torque` as for `settle`."""
         speeds = self.speeds(omega, states)
         spin_up = self._spin_up(torque(), omega, states) if any(wheel.held for wheel in self._now) else ZERO
         return [
@@ -189,7 +188,7 @@ class WheelSet:
         ]
 
     def switch(self, wheels: Sequence[int], omega: Vector, states: Sequence[float]) -> None:
-        """Put free wheels from `switching` to the point that they have just passed."""
+        """Set free wheels from `switching` to the point that they have just passed."""
         speeds = self.speeds(omega, states)
         for k in wheels:
             wheel = self._now[k]
@@ -209,9 +208,9 @@ class WheelSet:
         return inner, (*c[-count:], *(turning[each.wheel] for each in self.imbalances))
 
     def turned(self, states: Sequence[float], start: Sequence[float]) -> Vector:
-        """Return the angular velocity (principal axes) that a difference from the states `start` may mean to the body.
+        """Return the change of angular velocity (principal axes) that corresponds to a change of the states.
 
-        An imbalance that points elsewhere gives it another mean rate.
+        With another direction of the imbalance, the body has another mean rate.
         """
         numbers = self.numbers
         c: Any = [*numbers, *states]
@@ -226,7 +225,7 @@ class WheelSet:
         return shaking(self.imbalances, self.speeds(omega, states), self._angles(states))
 
     def sight(self, omega: Vector, states: Sequence[float]) -> float:
-        """Return for how long (s) the imbalances now predict those ahead."""
+        """Return for how long (s) the present loads of the imbalances predict those ahead."""
         speeds, times = self.speeds(omega, states), [math.inf]
         for k, *_ in self.imbalances:
             wheel, now = self.wheels[k], self._now[k]
@@ -239,14 +238,14 @@ class WheelSet:
         return states[len(self.wheels) + _ACCUMULATED :]
 
     def _points(self, k: int) -> tuple[float, ...]:
-        """Return the speeds at which a wheel may stay."""
+        """Return the speeds at which a wheel may be held."""
         wheel = self.wheels[k]
         points = [-wheel.max_speed, wheel.max_speed] if wheel.max_speed < math.inf else []
         points += [0.0] if wheel.coulomb > 0.0 else []
         return (*points, *([self._now[k].command] if wheel.command == "speed" else []))
 
     def _place(self, k: int, speed: float) -> None:
-        """Put a wheel where it is by its speed alone."""
+        """Set the state of motion of a wheel from its speed alone."""
         points = self._points(k)
         if speed in points:
             self._set(k, point=speed, left=None)
@@ -259,7 +258,7 @@ class WheelSet:
         """Release a wheel from its point, up (1) or down (-1)."""
         point, points = self._now[k].point, self._points(k)
         assert point is not None
-        # It was caught within a nanosecond, and is past its point by that much.
+        # It was set to its point within a nanosecond of passing it, and is beyond it by that much.
         if way > 0.0:
             high = min((other for other in points if other > point), default=math.inf)
             self._free(k, min(point, speed), high, math.copysign(1.0, point) if point else way)
@@ -269,7 +268,7 @@ class WheelSet:
         self._set(k, left=point)
 
     def _free(self, k: int, low: float, high: float, sign: float) -> None:
-        """Let a wheel turn freely between two speeds, with speeds of this sign."""
+        """Let a wheel turn freely between two speeds; `sign` is that of its speed."""
         wheel, now = self.wheels[k], self._now[k]
         motor = now.command
         if wheel.command == "speed":
@@ -277,7 +276,7 @@ class WheelSet:
         self._set(k, point=None, held=False, motor=motor, coulomb=-sign * wheel.coulomb, low=low, high=high, left=None)
 
     def _set(self, k: int, **how: Any) -> None:
-        """Change how a wheel turns."""
+        """Change the state of motion of a wheel."""
         self._now[k] = self._now[k]._replace(**how)
         self._numbers = None
 
@@ -286,7 +285,7 @@ class WheelSet:
         return -math.copysign(wheel.coulomb, speed) - wheel.viscous * speed
 
     def _way_out(self, k: int, spin_up: Vector, speed: float) -> float:
-        """Return which way a held wheel is released, if nothing can hold it: up (1), down (-1) or not at all (0)."""
+        """Return in which direction a held wheel is released, if nothing can hold it: up (1), down (-1) or none (0)."""
         wheel, now = self.wheels[k], self._now[k]
         if not now.held or now.point is None:
             return 0.0
@@ -308,7 +307,7 @@ class WheelSet:
         return -1.0 if needed > most else 1.0 if needed < least else 0.0
 
     def _spin_up(self, torque: Vector, omega: Vector, states: Sequence[float]) -> Vector:
-        """Return w' (principal axes) under a torque from outside, with the wheels as they turn now."""
+        """Return w' (principal axes) under an external torque, in the present state of motion of the wheels."""
         numbers = self.numbers
         c: Any = [*numbers, *states]
         return spin_up_of(c, 0, len(numbers), self._moments, torque, omega)
@@ -330,21 +329,21 @@ class WheelSet:
 
 
 def length_of(c: Numbers, i: int) -> int:
-    """Return how many numbers there are of the wheels whose numbers begin at i."""
+    """Return the size of the numbers of wheels that begin at i."""
     return _BEFORE + _EACH * int(c[i])
 
 
 def states_of(c: Numbers | Sequence[float], i: int) -> int:
-    """Return how many states the wheels have whose numbers begin at i."""
+    """Return the number of states of the wheels whose numbers begin at i."""
     return int(c[i]) + _ACCUMULATED
 
 
 def inner_torque(
     c: Numbers, i: int, s: int, moments: Vector, torque: Vector, orientation: Quaternion, omega: Vector
 ) -> Vector:
-    """Return the inner torque on the body (principal axes) under `torque` from outside, and write rates of the states.
+    """Return the inner torque on the body (principal axes) under the external `torque`; write the rates of the states.
 
-    In `c`, `WheelSet.numbers` begin at i, the states at s, and behind them their rates.
+    In `c`, `WheelSet.numbers` begin at i and the states at s, followed by their rates.
     """
     spin_up, carried, n = spin_up_of(c, i, s, moments, torque, omega), ZERO, int(c[i])
     for k in range(n):
@@ -372,7 +371,7 @@ def inner_torque(
 
 
 def spin_up_of(c: Numbers, i: int, s: int, moments: Vector, torque: Vector, omega: Vector) -> Vector:
-    """Return w' (principal axes) under `torque` from outside; see `inner_torque`."""
+    """Return w' (principal axes) under the external `torque`; see `inner_torque`."""
     momentum, push = times(moments, omega), torque
     for k in range(int(c[i])):
         a, axis, speed = i + _BEFORE + k * _EACH, _axis_of(c, i, k), _speed_of(c, i, s, k, omega)
@@ -403,9 +402,10 @@ def _axis_of(c: Numbers, i: int, k: int) -> Vector:
 
 
 def shares(axes: Sequence[Vector]) -> list[Vector] | None:
-    """Return a row for each axis, by which it gets its share of a vector: those that add up to it, of least squares.
+    """Return a row for each axis, whose product with a vector is the component along that axis.
 
-    With a of length 1: x = a . (sum of a a^T)^-1 v. None if the axes lie in one plane.
+    The components add up to the vector, and the sum of their squares is least. For unit vectors a, x = a . (sum of
+    a a^T)^-1 v. None if the axes lie in one plane.
     """
     axes = [scale(1.0 / norm(axis), axis) for axis in axes]
     xx, xy, xz, yy, yz, zz = (math.fsum(axis[i] * axis[k] for axis in axes) for i in range(3) for k in range(i, 3))
@@ -420,7 +420,7 @@ def shares(axes: Sequence[Vector]) -> list[Vector] | None:
 
 
 class WheelLoad:
-    """The load of one step with wheels: what else acts, and the wheels on the body.
+    """The load of one step with wheels: other loads, and the wheels' torque on the body.
 
     Attributes:
         states: at the start of the step.
@@ -446,7 +446,7 @@ class WheelLoad:
         angular_velocity: Vector,
         states: tuple[float, ...],
     ) -> tuple[Vector, Vector, Vector]:
-        """Return force and torque of the other load and of imbalances, and the torque of all from outside."""
+        """Return force and torque of the other load and of imbalances, and the sum of all external torques."""
         force, torque = ZERO, ZERO
         if self._load is not None:
             force, torque = self._load(t, displacement, velocity, orientation, angular_velocity)
@@ -471,5 +471,5 @@ class WheelLoad:
         return force, add(torque, inner), rates
 
     def turned(self, states: tuple[float, ...]) -> Vector:
-        """Return what a difference of states may mean to the body."""
+        """As `WheelSet.turned`, from the states at the start of the step."""
         return self._wheels.turned(states, self.states)

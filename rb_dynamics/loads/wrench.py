@@ -18,7 +18,7 @@ from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
 from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 WORLD = "/world"
-"""`frame_id` of a wrench that an effect holds in world axes, whatever the scene calls them: no frame has this name."""
+"""`frame_id` for world axes in wrenches of effects, whatever their name in the scene; no frame has this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,8 @@ class Wrench:
         torque: N m, in the axes of `frame_id`.
         frame_id: "" or the body frame, the world frame, or a fixed frame that the scene declares.
         stamp_ns: `header.stamp` of the command, integer nanoseconds.
-        message: the bytes of the WrenchStamped as it came; None where none did, and of a changed copy. Equal wrenches
-            may differ in it.
+        message: the bytes of the WrenchStamped as received; None if there was none, and in a changed copy. Not compared
+            by `==`.
     """
 
     force: Vector = ZERO
@@ -41,12 +41,13 @@ class Wrench:
     message: bytes | None = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Keep a copy of what was given; invalid numbers are refused when they are to take effect.
+        """Copy the arguments; invalid numbers are rejected only when the command would take effect.
 
-        What is beyond double precision is infinite there, and in logs.
+        Numbers beyond the range of double precision become infinite.
 
         Raises:
-            TypeError: force or torque is not three components, or frame_id no text: nothing could log it.
+            TypeError: force or torque does not have three components, or frame_id is not text, so that it could not be
+                logged.
         """
         instance(self.frame_id, str, "wrench frame_id", "write the name of a frame")
         for name in ("force", "torque"):
@@ -62,7 +63,7 @@ class Wrench:
 
 
 def _within_doubles(component: Any) -> Any:
-    """Return a component as it is; infinity for a whole number of more than 308 digits."""
+    """Return a component; infinity for a whole number beyond the range of double precision."""
     try:
         float(component)
     except OverflowError:
@@ -91,7 +92,7 @@ class FixedFrame:
 
 
 class HeldWrench(NamedTuple):
-    """The effect of a command on the body while it is held: force through and torque about the centre of mass.
+    """A held command in terms of the body: force through and torque about the centre of mass.
 
     `*_body` parts turn with the body inside a step, `*_world` parts do not. N and N m.
     """
@@ -101,9 +102,9 @@ class HeldWrench(NamedTuple):
     force_world: Vector = ZERO
     torque_world: Vector = ZERO
 
-    # Without it + would silently chain two wrenches to one tuple of eight vectors.
+    # Without this, + would silently concatenate two wrenches to a tuple of eight vectors.
     def __add__(self, other: HeldWrench) -> HeldWrench:  # type: ignore[override]
-        """Return the sum: channels add up."""
+        """Return the sum of two wrenches."""
         return HeldWrench(
             add(self.force_body, other.force_body),
             add(self.torque_body, other.torque_body),
@@ -113,7 +114,7 @@ class HeldWrench(NamedTuple):
 
 
 def held_of(numbers: Sequence[float]) -> HeldWrench:
-    """Return the held wrench of its twelve numbers."""
+    """Return the held wrench with these twelve numbers."""
     n = numbers
     return HeldWrench((n[0], n[1], n[2]), (n[3], n[4], n[5]), (n[6], n[7], n[8]), (n[9], n[10], n[11]))
 
@@ -126,9 +127,9 @@ class WrenchFrames:
         world_frame: name of the inertial frame.
         body_frame: name of the body frame.
         fixed: further frames fixed to the body, by name.
-        center_of_mass: in body axes from the body origin, m. None for that of the body of a scene, the body origin
-            outside one.
-        turns: whether a torque can act: not on a particle. None for what the body of a scene says.
+        center_of_mass: in body axes from the body origin, m. None for that of the scene's body; without a scene, the
+            body origin.
+        turns: whether a torque can act, as it cannot on a particle. None: as the scene's body.
     """
 
     world_frame: str = "world"
@@ -136,7 +137,7 @@ class WrenchFrames:
     fixed: Mapping[str, FixedFrame] | None = None
     center_of_mass: Vector | None = None
     turns: bool | None = None
-    # Values from the body of a scene are replaced with another body; values from a user are not.
+    # Another body replaces values that came from the body of a scene, but not those from a user.
     _of_body: bool = field(default=False, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -145,18 +146,18 @@ class WrenchFrames:
         Raises:
             TypeError: a field is not of its type.
             ValueError: a coordinate is not finite.
-            SceneError: a frame has no name, or that of another.
+            SceneError: a frame has no name, or the name of another frame.
         """
         for name in ("world_frame", "body_frame"):
             instance(getattr(self, name), str, name, "write the name of a frame")
         if self.fixed is not None:
-            # A copy: the user's may change.
+            # A copy, because the user's mapping may change.
             fixed = dict(mapping(self.fixed, "fixed", "write {'thruster': FixedFrame(...)}"))
             for name, frame in fixed.items():
                 instance(name, str, "fixed", "write the name of a frame")
                 instance(frame, FixedFrame, f"fixed[{name!r}]", "write FixedFrame(position, orientation_xyzw)")
             object.__setattr__(self, "fixed", fixed)
-        # A command has only the name: of two frames with the same name, it would act in the first.
+        # A command names its frame: of two frames with the same name, it would act in the first.
         names = [self.world_frame, self.body_frame, *(self.fixed or {})]
         if len({"", *names}) < len(names) + 1 or WORLD in names[1:]:
             raise SceneError(
@@ -169,7 +170,7 @@ class WrenchFrames:
             instance(self.turns, bool, "turns", "write True, or False for a particle")
 
     def of(self, body: RigidBody) -> WrenchFrames:
-        """Return the same frames on `body`, which gives its centre of mass and whether it turns.
+        """Return these frames with the centre of mass of `body`, and whether it turns.
 
         Raises:
             SceneError: they were made with values that contradict it.
@@ -193,7 +194,7 @@ class WrenchFrames:
         return ["", self.body_frame, self.world_frame, *(self.fixed or {})]
 
     def hold(self, wrench: Wrench) -> HeldWrench:
-        """Return what `wrench` does about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
+        """Return `wrench` about the centre of mass: tau_com = R tau + (p - c) x (R f) for a fixed frame.
 
         Body and world wrenches act through the centre of mass. Moment of a force about a point: lecture 24, page 9.
 
@@ -215,7 +216,7 @@ class WrenchFrames:
         return self.about_center_of_mass(wrench.force, wrench.torque, wrench.frame_id)
 
     def about_center_of_mass(self, force: Vector, torque: Vector, frame_id: str) -> HeldWrench:
-        """Return what force and torque in the axes of a frame do, unchecked; components may be arrays.
+        """Return force and torque in the axes of a frame as a held wrench, unchecked; components may be arrays.
 
         Raises:
             WrenchError: there is no such frame.
@@ -237,17 +238,17 @@ class WrenchFrames:
         return HeldWrench(force_body=force, torque_body=add(torque, moment))
 
 
-# s; and what is a double still when it is squared.
+# s; and the largest number whose square is a finite double.
 _HELD, _SQUARE = 3600.0, 1e154
-# rad/s^2: what leads from rest, within a millisecond, to a radian in a nanosecond.
+# rad/s^2: leads within a millisecond from rest to a radian per nanosecond.
 _FASTEST = 1e12
 
 
 def largest_wrench(body: RigidBody) -> tuple[float, float]:
     """Return the largest force (N) and torque (N m) that can be simulated at all.
 
-    Under the force a body at rest stays within the range of doubles for an hour: v^2 and m v^2 leave it first. Under
-    the torque it turns, after a millisecond, by no more than a radian in a nanosecond, the unit of time.
+    Under this force, v^2 and m v^2 of a body that starts at rest stay within the range of doubles for an hour. Under
+    this torque, it turns after a millisecond by at most a radian per nanosecond, the unit of time.
     """
     force = min(body.mass, math.sqrt(body.mass)) * (_SQUARE / _HELD)
     return force, math.inf if body.is_particle else _FASTEST * min(body.principal_moments)
@@ -263,11 +264,11 @@ def require_possible(force: float, torque: float, largest: tuple[float, float]) 
         ("force", force, largest[0], "N", "the body would leave the range of double precision within an hour"),
         ("torque", torque, largest[1], "N m", "the body would soon turn by a radian in a nanosecond, the unit of time"),
     ):
-        # A moment may be infinite minus infinite.
+        # A moment may be infinity minus infinity.
         if not size <= limit:
             raise WrenchError(
                 f"wrench {name} about the centre of mass is {size:.3g} {unit}, expected at most {limit:.3g} {unit}: "
-                f"{why}; mend what commands it"
+                f"{why}; correct what commands it"
             )
 
 
@@ -282,7 +283,7 @@ def with_floats(wrench: Wrench) -> Wrench:
     force, torque = wrench.force, wrench.torque
     if type(force) is tuple is type(torque) and len(force) == 3 == len(torque):
         (a, b, c), (d, e, f) = force, torque
-        # A run may have a million commands: most of them are what they should be. What is not finite leaves NaN.
+        # Fast, because a run may have a million commands, most of them valid: the difference of infinities is NaN.
         if float is type(a) is type(b) is type(c) is type(d) is type(e) is type(f) and (
             a - a + b - b + c - c + d - d + e - e + f - f == 0.0
         ):

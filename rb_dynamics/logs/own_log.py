@@ -146,7 +146,7 @@ def opened_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 
 def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
-    """Return the scene in a log; None where there is none, or it needs a plug-in that is not here."""
+    """Return the scene in a log; None if there is none, or it needs a plug-in that is not here."""
     scene = attachments.get(SCENE)
     try:
         return None if scene is None else parse_scene(scene.decode("utf-8", "replace"), overrides=BY_ANY_METHOD)
@@ -155,7 +155,7 @@ def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
 
 
 def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
-    """Return each topic's name in a log of this package by its name in the scene; None where the scene is not known.
+    """Return each topic's name in a log of this package by its name in the scene; None if the scene is not known.
 
     Raises:
         LogError: a topic has another type than it had.

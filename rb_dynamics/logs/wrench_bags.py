@@ -75,7 +75,7 @@ def read_wrenches(
 
 @dataclass
 class _Span:
-    """The times, ns, of the commands in a bag by one clock; `delay_ns` is how far one may come behind a later one."""
+    """Times (ns) of the commands in a bag by one clock; a command may come up to `delay_ns` after a later one."""
 
     first_ns: int | None = None
     last_ns: int | None = None
@@ -116,7 +116,7 @@ class _Recording:
         early: commands before its start, which act from the start on, unless another follows.
         acting: those within that can be honoured.
         refused: why the first that cannot be honoured cannot.
-        lost: what is missing of the bag; "" where it is whole.
+        lost: what is missing of the bag; "" if it is whole.
         ours: a log of a run.
         origin: of such a log, the bags that its own commands came from: name and time 0 of each.
         driven: of such a log, the channel that each topic of those drove.
@@ -157,7 +157,7 @@ class _Recording:
 
     @property
     def apart_ns(self) -> int:
-        """How far its log times are behind its stamps if these are of two clocks; else 0."""
+        """Delay of its log times relative to its stamps if these are of two clocks; else 0."""
         found = () if self.by_log else (self.behind_ns, None if self.partly_unset else self.unset_ns)
         behind_ns = min((each for each in found if each is not None), default=0)
         return behind_ns if abs(behind_ns) > _APART_NS else 0
@@ -180,7 +180,7 @@ class _Recording:
         """Which log time is time 0 of the run."""
         if self.ours or self.offset_ns or (self.count and not self.apart_ns):
             return self.offset_ns + self.apart_ns
-        # Where stamps of another clock tell the time of the run, or none does, the bag begins with it.
+        # If stamps of another clock, or none, give the time of the run, the run starts with the bag.
         return self.offset_ns if self.by_log else self.begin_ns or 0
 
     @property
@@ -203,7 +203,7 @@ class RecordedWrenches:
     for.
 
     Attributes:
-        first_ns: the earliest time; None where there is no command.
+        first_ns: the earliest time; None if there is no command.
         late: how many lie after `end_ns`.
         notes: what a person should know of how the bags were read, one line each.
         facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
@@ -513,7 +513,7 @@ class _Batch(NamedTuple):
 
 
 class _Commands(NamedTuple):
-    """The commands of a block; `stamps` is None where they have no header."""
+    """The commands of a block; `stamps` is None if they have no header."""
 
     block: MessageBlock
     wrench: NDArray[np.float64]

@@ -344,7 +344,7 @@ class Stepper:
     def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         """Return the phase after a step of h s, and the embedded result of one order less."""
         if self._method.pair is None:
-            raise TypeError(f"{self._method.name} is no embedded pair")
+            raise TypeError(f"{self._method.name} is not an embedded pair")
         if self._with_wheels is not None and (both := self._with_wheels.pair(phase, h)) is not None:
             return both
         arguments = self._arguments(phase, h)

@@ -254,8 +254,7 @@ class Mover:
 
         Args:
             properties: (N, 8 or more), for each body mass, principal moments, rotation from principal to body axes, and
-            at
-                the end the numbers of its effects.
+                at the end the numbers of its effects.
             schedule: steps and wrenches.
             state: (N, `PHASE`).
             after: same shape.

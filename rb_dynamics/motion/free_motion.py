@@ -96,7 +96,7 @@ def _table(numbers: tuple[float, ...], times: Numbers) -> Numbers:
     table = np.array(rows)
     if not np.isfinite(table).all():
         raise ConvergenceError(
-            "t is so long that the position is no finite number, expected one in the range of double precision; use "
+            "t is so long that the position is not a finite number, expected one in the range of double precision; use "
             "shorter times, or check the velocity"
         )
     return table

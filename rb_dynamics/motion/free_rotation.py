@@ -104,7 +104,7 @@ def _beyond_range(rate: float, t: float) -> tuple[Quaternion, Vector]:
 @compiled_as((NO_ATTITUDE, NOWHERE))
 def _unresolved(t: float) -> tuple[Quaternion, Vector]:
     raise ConvergenceError(
-        f"exact: after {t:.3g} s the precession angle is no finite number: the spin is closer to the middle axis "
+        f"exact: after {t:.3g} s the precession angle is not a finite number: the spin is closer to the middle axis "
         "than double precision resolves; use a method with a step"
     )
 

@@ -112,8 +112,7 @@ class Method:
     Attributes:
         name: as in `solver.method`.
         order: after a fixed time the error of attitude, rate, position, work and impulses is O(h^order); None for a
-        closed
-            form, whose error does not depend on h and which takes an arc in one step.
+            closed form, whose error does not depend on h and which takes an arc in one step.
         invariants: what free motion conserves to round-off: any of "energy", "angular_momentum" and "unit_quaternion".
         step: the method itself; its docstring names the source.
         longest_step: for a method that knows its own error: the longest step (s) that adds at most accuracy * step /

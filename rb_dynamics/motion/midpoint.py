@@ -113,8 +113,8 @@ def _under_load(
 
 def _disagreement(h: float, size: float) -> ConvergenceError:
     return ConvergenceError(
-        f"midpoint: the load and the motion that it causes do not come to agree in a step of {h:g} s (the last "
-        f"iteration changed the momenta by a part of {size:.3g}, expected less than 1e-12); use a step below "
+        f"midpoint: the iteration over load and motion does not converge in a step of {h:g} s (its last "
+        f"change of the momenta is {size:.3g} of them, expected less than 1e-12); use a step below "
         f"{0.25 * abs(h):.3g} s"
     )
 

@@ -124,7 +124,8 @@ class RoundingHistory(NamedTuple):
         turned: total rotation, rad.
         travelled: path of the centre of mass, m.
         rates: sum of the angular rates at the starts of all arcs but the first, rad/s: at each start the rate is
-        rounded. speeds: the same sum of the speeds, m/s.
+            rounded.
+        speeds: the same sum of the speeds, m/s.
     """
 
     arcs: int = 0

@@ -285,8 +285,7 @@ class AccuracyControl:
         goal: requirements on the strides.
         learnt: learnt state after the strides that time has entered.
         following: learnt state after the last chosen stride. Time may never enter that stride, because a new arc may
-        begin
-            before.
+            begin before.
         embedded: whether the method is an embedded pair.
     """
 
@@ -361,8 +360,8 @@ class AccuracyControl:
 # Steps (ns) this short indicate a discontinuous load, not a strong one.
 _SHORT = 1e3
 _TOO_FAST = (
-    "a load jumps there, whose effect should name the time in its knots(), or is too strong; correct it, or accept a "
-    "larger solver.accuracy"
+    "a load is discontinuous there, and its effect should name the time in knots(), or it is too strong; correct it, "
+    "or accept a larger solver.accuracy"
 )
 
 
@@ -566,6 +565,6 @@ def _require_reachable(goal: Goal, phase: PhaseState, length: float) -> None:
             f"{length / NANOSECONDS:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
             f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
             "order, which takes longer steps"
-            + "; or a load jumps there, whose effect should name the time in its knots()"
+            + "; or a load is discontinuous there, and its effect should name the time in knots()"
             * jumps
         )

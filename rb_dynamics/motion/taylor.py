@@ -58,7 +58,7 @@ class _Expansion(NamedTuple):
     Attributes:
         turn: quaternion of the rotation since t = 0.
         omega: angular velocity, body axes.
-        force: the body-fixed force, in the axes at t = 0; zero where there is none.
+        force: the body-fixed force, in the axes at t = 0; zero if there is none.
         torque: the body-fixed torque, likewise.
         power: of the torques.
     """

@@ -1,4 +1,4 @@
-"""Number types for argparse options, with messages that say what is expected; those of argparse name Python types."""
+"""Number types for argparse options whose messages say what is expected, where argparse's name Python types."""
 
 from __future__ import annotations
 

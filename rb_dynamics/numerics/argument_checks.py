@@ -194,7 +194,7 @@ def vectors(value: object, name: str) -> npt.NDArray[Any]:
 
 
 def _numbers(value: object, count: int, name: str, expected: str, error: type[Exception]) -> list[float]:
-    # What has been checked before is checked again at every call, and should cost little.
+    # Cheap, because arguments that have been checked before are checked again at every call.
     if (
         type(value) is tuple
         and len(value) == count

@@ -1,4 +1,4 @@
-"""Compile step functions with numba where it is installed; the same functions run as plain Python where it is not.
+"""Compile step functions with numba if it is installed; otherwise the same functions run as plain Python.
 
 Step functions do not mention numba. `compile_kernel` finds the functions that a kernel calls and registers each once.
 Compiled and plain results must have the same bits, so fast-math, contraction and Intel's vector library stay off.
@@ -30,16 +30,16 @@ _MARK, _BY = "__compiled_as__", "__compiled_by__"
 _MONTH = 30 * 86400.0
 _log = logging.getLogger(__name__)
 
-# Division by zero gives inf or NaN: callers check for non-finite results. Without inlining, tuples go through memory.
+# Division by zero gives inf or NaN: callers check for non-finite results. Without inlining, tuples pass through memory.
 _OPTIONS = {"error_model": "numpy", "forceinline": True}
 
 _APART = {"error_model": "numpy", "forceinline": False}
 
 
 def compiled_as(value: object = None) -> Callable[[_F], _F]:
-    """Mark a function that may raise; the compiled version returns `value` instead, NaN that spreads to the result.
+    """Mark a function that may raise; the compiled version returns `value` instead, a NaN that then propagates.
 
-    Without `value` it returns its last argument unchanged, which is NaN already in the cases that plain Python refuses.
+    Without `value` it returns its last argument unchanged, which already is NaN in the cases that plain Python refuses.
     """
 
     def mark(function: _F) -> _F:
@@ -50,9 +50,9 @@ def compiled_as(value: object = None) -> Callable[[_F], _F]:
 
 
 def compiled_by(function: Callable[..., Any], first: type) -> Callable[[_F], _F]:
-    """Mark a function that compiled code runs in place of `function`, where its first argument is of the type `first`.
+    """Mark a function that compiled code calls in place of `function` if the first argument is of the type `first`.
 
-    That is a NamedTuple. The function is not inlined: it may be large, and is called at every stage of a method.
+    The type is a NamedTuple. The function is not inlined: it may be large, and is called at every stage of a method.
     """
 
     def mark(compiled: _F) -> _F:
@@ -88,7 +88,7 @@ def lane(i: int) -> int:
 def specialise(template: Callable[..., Any], name: str, **names: object) -> Callable[..., Any]:
     """Return a copy of the module-level function `template`, called `name`, with `names` among its globals.
 
-    A closure would not do: numba could not find its result again in the cache of another process.
+    A closure would not work: numba could not find the compiled code in the cache of another process.
     """
     if not isinstance(template, FunctionType):
         raise TypeError(f"template is {template!r}, expected a function")
@@ -109,14 +109,14 @@ def is_cached(name: str) -> bool:
 
 
 def failure_of(name: str) -> str:
-    """Return why another process could not compile a kernel of this name; "" where none has tried or it could."""
+    """Return why another process could not compile a kernel of this name; "" if none has tried or it could."""
     with contextlib.suppress(OSError):
         return _kept_in(name).with_suffix(".failure").read_text(encoding="utf-8")
     return ""
 
 
 def keep_failure(name: str, reason: str) -> None:
-    """Keep the reason for `failure_of`."""
+    """Store the reason for `failure_of`."""
     with contextlib.suppress(OSError):
         _kept_in(name).with_suffix(".failure").write_text(reason, encoding="utf-8")
 
@@ -126,9 +126,9 @@ def _kept_in(name: str) -> Path:
 
 
 def compile_kernel(function: Callable[..., Any], signature: str) -> Native:
-    """Return `function` compiled for `signature`; see `cache_folder` for where it is kept.
+    """Return `function` compiled for `signature`, from the cache in `cache_folder` if possible.
 
-    Without a writable or readable cache it is compiled anew.
+    Without a readable and writable cache it is compiled anew.
 
     Raises:
         ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
@@ -176,7 +176,7 @@ def _compiled(function: Callable[..., Any], signature: str) -> ObjectCode:
         (result,) = numba.njit(signature, **options)(function).overloads.values()
     except numba.core.errors.NumbaError as error:
         raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
-    # What numba's own cache keeps.
+    # The same that numba's own cache stores.
     library = result.library
     code = library._get_compiled_object()  # noqa: SLF001
     declared = [each.name for each in library._final_module.functions if each.is_declaration]  # noqa: SLF001
@@ -186,9 +186,9 @@ def _compiled(function: Callable[..., Any], signature: str) -> ObjectCode:
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels, one for each state of what they are made of, so that no edit is missed.
+    """Return the folder of compiled kernels; its name depends on their sources and the compiler, so no edit is missed.
 
-    Creating a new one deletes those that have not been used for a month.
+    Creating a new folder deletes those that have not been used for a month.
 
     Raises:
         ImportError: numba is not installed.
@@ -206,7 +206,7 @@ def cache_folder() -> Path:
 
 
 def _version_of_numba() -> str:
-    """Return what tells one numba from another, without importing it: that would take half a second."""
+    """Return the identity of the installed numba without importing it, which would take half a second."""
     spec = find_spec("numba")
     if spec is None or spec.origin is None:
         raise ImportError("numba is not installed")
@@ -283,7 +283,7 @@ def _provide_workspace() -> None:
 
     block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
 
-    # Inlined before compilation, so that the memory is the caller's. Both lambdas need the same arguments.
+    # Inlined before compilation, so that the memory belongs to the caller. Both lambdas need the same arguments.
     # ruff: noqa: ARG005, PLW0108
     overload(workspace, inline="always", prefer_literal=True)(lambda n: lambda n: zeros_on_stack(n))
     overload(block, inline="always", prefer_literal=True)(
@@ -313,7 +313,7 @@ def _register(function: Any) -> None:
 
 
 def _implementations(function: Any) -> list[Any]:
-    """Return what compiled code may run in place of a function."""
+    """Return the functions that compiled code may call in place of `function`."""
     return [*getattr(function, _BY, {}).values()] or [getattr(function, "__wrapped__", function)]
 
 

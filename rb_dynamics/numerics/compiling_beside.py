@@ -1,4 +1,4 @@
-"""Compile kernels in another process, beside a run that could use them: it does not wait, and the next run has them."""
+"""Compile kernels in another process: the present run does not wait for them, and later runs can load them."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _asked: set[str] = set()
 
 
 def ask_for(name: str) -> bool:
-    """Let another process compile the kernel of this name, unless it is there or on its way; return whether one can.
+    """Request another process to compile the kernel of this name, unless it is cached or requested.
 
-    Whether it has come, `is_cached` tells.
+    Return whether such a process runs. `is_cached` tells whether the kernel is ready.
     """
     if name in _asked or is_cached(name) or failure_of(name):
         return True
     other = _other_process()
     if other is None or other.stdin is None:
         return False
-    # It ends early where a third one is at it.
+    # The process ends early if a third one is compiling.
     with contextlib.suppress(OSError):
         other.stdin.write(f"{name}\n".encode())
         other.stdin.flush()
@@ -35,13 +35,13 @@ def ask_for(name: str) -> bool:
 
 @cache
 def _other_process() -> subprocess.Popen[bytes] | None:
-    """Return one that compiles what it is told, line by line; None where that would help nobody."""
+    """Return a process that compiles the kernels named on its standard input; None if nobody could use them."""
     try:
         folder = cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK) or not sys.executable:
             return None
-        # In a session of its own: it goes on when this process is done or interrupted.
+        # In its own session, so that it continues when this process ends or is interrupted.
         return subprocess.Popen(
             [sys.executable, *_COMMAND],
             stdin=subprocess.PIPE,
@@ -54,9 +54,9 @@ def _other_process() -> subprocess.Popen[bytes] | None:
 
 
 def asked_for() -> Iterator[str]:
-    """Yield what is asked of this process, which `ask_for` has started, until the other one has ended.
+    """In the process that `ask_for` has started, yield the requested names until the requesting process ends.
 
-    Nothing where a third process is compiling already. This one gives way to whatever else is to be computed.
+    Yield nothing if a third process is already compiling. This process runs at low priority.
     """
     try:
         import fcntl
@@ -66,7 +66,7 @@ def asked_for() -> Iterator[str]:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.nice(19)
         for line in sys.stdin:
-            # A folder that was removed, as those of tests are, wants no more.
+            # If the folder has been removed, as tests do, nobody needs its kernels.
             if not cache_folder().is_dir():
                 return
             yield line.strip()

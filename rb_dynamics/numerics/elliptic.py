@@ -14,7 +14,7 @@ import math
 from rb_dynamics.numerics.compilation import workspace
 from rb_dynamics.numerics.vector import norm
 
-# Quadratic convergence: a relative difference below this squares away at the next step.
+# Convergence is quadratic: after a relative difference below this, the next step is exact to round-off.
 _CLOSE = 1e-8
 # Truncation of the series is of sixth order in the relative spread; at this spread it is below round-off.
 _SPREAD = 1.5e-3

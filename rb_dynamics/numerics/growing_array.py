@@ -1,4 +1,4 @@
-"""`GrowingArray`: numbers added at the end; of many, all stand in a file without a name instead of in memory."""
+"""`GrowingArray`: an array to which numbers are appended; if large, it is in an unnamed file instead of memory."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-# What one array takes of the memory at most, where a file can be written; and what then waits for the next write.
+# Largest size in memory before an array moves to a file, and largest size of what then waits to be written.
 _IN_MEMORY, _WAITING = 2**22, 2**18
 
 
 class GrowingArray:
-    """Numbers of 8 bytes, added at the end."""
+    """A growing array of numbers of 8 bytes each."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Create an empty array."""
         self._bytes = array("B")
         self._limit = _IN_MEMORY
         self._file: IO[bytes] | None = None
         self._in_file = 0
 
     def __del__(self) -> None:
-        """Close the file; arrays that `view` gave keep it for themselves."""
+        """Close the file; arrays from `view` keep it open for themselves."""
         if self._file is not None:
             self._file.close()
 
     def __len__(self) -> int:
-        """Return how many numbers there are."""
+        """Return the number of elements."""
         return (self._in_file + len(self._bytes)) // 8
 
     def add(self, numbers: NDArray[Any]) -> None:
-        """Add the bits of `numbers`, in their order."""
+        """Append the bits of `numbers`."""
         self._bytes.frombytes(np.ascontiguousarray(numbers).reshape(-1).view(np.uint8).data)
         if len(self._bytes) > self._limit:
             self._write()
 
     def view(self, kind: str) -> NDArray[Any]:
-        """Return the numbers, (n,), as `kind`, such as "f8"; those in a file cannot be changed."""
+        """Return the numbers, (n,), as dtype `kind`, such as "f8"; read-only if they are in a file."""
         if self._file is not None and self._bytes:
             self._write()
         if self._file is not None:
@@ -52,7 +52,7 @@ class GrowingArray:
         return np.frombuffer(self._bytes, kind) if self._bytes else np.empty(0, kind)
 
     def _write(self) -> None:
-        """Move what is in memory to the file; where the disk has no room for it, the file to memory."""
+        """Move the numbers in memory to the file; if the disk is full, move the file to memory instead."""
         import tempfile
 
         try:
@@ -90,7 +90,7 @@ def stored(blocks: Iterable[NDArray[Any]], columns: int) -> NDArray[np.float64]:
 
 
 def give_back(rows: NDArray[Any]) -> None:
-    """Give back the memory that reading numbers in a file took: they are read again when they are wanted."""
+    """Release the memory that numbers of a file occupy after reading; later accesses read them again."""
     base: Any = rows
     while isinstance(base, np.ndarray):
         base = base.base
@@ -100,5 +100,5 @@ def give_back(rows: NDArray[Any]) -> None:
 
 
 def _folder() -> str | None:
-    """Return where large files go: the usual folder of temporary files may be in memory itself, this one is not."""
+    """Return a folder for large files that is on disk, unlike some systems' folder of temporary files."""
     return "/var/tmp" if "TMPDIR" not in os.environ and os.access("/var/tmp", os.W_OK) else None

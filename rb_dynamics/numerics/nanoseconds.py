@@ -7,16 +7,16 @@ from fractions import Fraction
 from rb_dynamics.errors import LogError
 
 NANOSECONDS = 1_000_000_000
-"""In a second."""
+"""Nanoseconds in a second."""
 
 # Times are whole nanoseconds, and the seconds of a stamp end at 2^31, in ROS messages and in the log. In seconds:
 SHORTEST = 1e-9
 LONGEST = 2.0**31 - 1.0
-# s. Steps may be parts of a nanosecond; a run of shorter ones than this would not get anywhere.
+# s. Steps may be fractions of a nanosecond; shorter ones than this would not advance a run noticeably.
 SHORTEST_STEP = 1e-15
 
 LAST_STAMP_NS = 2**31 * NANOSECONDS
-"""A ROS stamp counts seconds in 32 bits, one of them the sign: 68 years."""
+"""Largest ROS stamp: seconds are signed 32-bit integers, which is 68 years."""
 
 
 def nanoseconds(seconds: float) -> int:
@@ -30,7 +30,7 @@ def on_nanosecond(seconds: float) -> float:
 
 
 def seconds_text(time_ns: int) -> str:
-    """Return a time (ns) in seconds, with every digit: a double holds no nanoseconds of the seconds since 1970."""
+    """Return a time (ns) as text in seconds, with all digits: a double cannot resolve nanoseconds since 1970."""
     seconds, rest = divmod(abs(time_ns), NANOSECONDS)
     return f"{'-' if time_ns < 0 else ''}{seconds}.{rest:09d}"
 

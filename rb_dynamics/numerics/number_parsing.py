@@ -53,5 +53,5 @@ def whole_number(text: str) -> int:
 
 def _required(text: str, fits: object) -> str:
     if not fits:
-        raise ValueError(f"{text[:60]!r} is no number")
+        raise ValueError(f"{text[:60]!r} is not a number")
     return text

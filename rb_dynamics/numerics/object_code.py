@@ -1,4 +1,4 @@
-"""Compiled functions as object code: kept in files, loaded by LLVM alone, and called by address.
+"""Compiled functions as object code: stored in files, loaded by LLVM alone, and called by address.
 
 Importing numba takes half a second and loading a function from its own cache as long again; LLVM alone (`llvmlite`,
 which numba needs anyway) takes a tenth of that.
@@ -18,15 +18,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# What numba emits for paths that our functions never take: they get functions by address and own no memory. Each is
-# bound to what ends the process.
+# Symbols that numba emits for paths that these functions never take: they get functions by address and own no memory.
+# Each is bound to a function that ends the process.
 _NEVER_CALLED = ("NRT_MemInfo_call_dtor", "numba_gil_ensure", "numba_gil_release", "numba_unpickle")
-# What a function ends with that has returned something, and nothing.
+# Status of a function that has returned a value, and of one that has returned None.
 _GOOD = (0, -2)
 _LIBRARIES = ("libm.so.6", "libc.so.6", "/usr/lib/libSystem.B.dylib")
 _TUPLE = re.compile(r"UniTuple\(int64, (\d+)\)")
 
-# What a function that returns nothing writes there, nobody reads.
+# Receives the result of a function without one; it is never read.
 _UNREAD = ctypes.c_void_p()
 _NOTHING = ctypes.addressof(_UNREAD)
 
@@ -37,8 +37,8 @@ class ObjectCode:
 
     Attributes:
         symbol: its name in the code.
-        externals: names of the functions that it needs from elsewhere.
-        code: for this processor.
+        externals: names of the external functions that it calls.
+        code: object code for this processor.
     """
 
     symbol: str
@@ -46,7 +46,7 @@ class ObjectCode:
     code: bytes
 
     def write(self, path: Path) -> None:
-        """Keep it in a file, which is there as a whole or not at all.
+        """Write it to a file atomically.
 
         Raises:
             OSError: the file cannot be written.
@@ -65,7 +65,7 @@ class ObjectCode:
 
     @classmethod
     def read(cls, path: Path) -> ObjectCode | None:
-        """Return what `write` kept; None where it is damaged.
+        """Return the function that `write` stored; None if the file is damaged.
 
         Raises:
             OSError: the file cannot be read.
@@ -83,18 +83,18 @@ class ObjectCode:
 class Native:
     """A compiled function in memory, called with arrays and numbers.
 
-    It must be given arrays of the right shape that are aligned and, where it writes, writable: nothing checks that but
-    the type of their numbers and, where it matters, that they are contiguous.
+    Arrays must have the right shape, be aligned and, if the function writes to them, be writable. Only the type of
+    their numbers and, where it matters, contiguity are checked.
 
     Attributes:
-        address: where it is, by numba's own calling convention.
+        address: address of the function, in numba's calling convention.
     """
 
     def __init__(self, found: ObjectCode, signature: str) -> None:
-        """Load it; `signature` is that which it was compiled for, in the words of numba.
+        """Load the function; `signature` is the one it was compiled for, as numba writes it.
 
         Raises:
-            RuntimeError: something that it needs is not in this process.
+            RuntimeError: an external function is not in this process.
         """
         returns, arguments = _parts(signature)
         several = _TUPLE.fullmatch(returns)
@@ -103,14 +103,14 @@ class Native:
             several[1] if several else 1
         )
         self._flatteners = [_flattener(each) for each in arguments]
-        # At the end of the process LLVM must not be asked for anything any more.
+        # LLVM must not be called any more while the process ends.
         self.address = _loaded(found)
         function = ctypes.CFUNCTYPE(ctypes.c_int32)(self.address)
         function.argtypes = [ctypes.c_void_p] * 2 + [kind for _, kinds in self._flatteners for kind in kinds]
         self._function = function
 
     def __call__(self, *arguments: Any) -> Any:
-        """Return what the function does, None, a number or a tuple; other threads run meanwhile."""
+        """Call the function; return None, a number or a tuple. Other threads run meanwhile."""
         result, trouble = self._result(), ctypes.c_void_p()
         native: list[Any] = [ctypes.addressof(result), ctypes.addressof(trouble)]
         for (flat, _), argument in zip(self._flatteners, arguments, strict=True):
@@ -123,7 +123,7 @@ class Native:
         return tuple(result) if self._several else result[0]
 
     def on_doubles(self, numbers: ctypes.Array[ctypes.c_double], *others: float) -> None:
-        """Call a function of one array of doubles and of numbers that returns nothing: in half the time."""
+        """Call a function of one array of doubles and of numbers that returns nothing; takes half the time."""
         n = len(numbers)
         status = self._function(_NOTHING, _NOTHING, None, None, n, 8, ctypes.addressof(numbers), n, 8, *others)
         if status not in _GOOD:
@@ -131,7 +131,7 @@ class Native:
 
 
 def _parts(signature: str) -> tuple[str, list[str]]:
-    """Return what a function returns, and the types of its arguments."""
+    """Return the type of a function's result, and the types of its arguments."""
     depth, begin, arguments = 0, len(signature) - 1, list[str]()
     end = begin
     for at in range(len(signature) - 1, -1, -1):
@@ -149,11 +149,11 @@ _POINTER, _WHOLE = ctypes.c_void_p, ctypes.c_int64
 
 
 def _flattener(kind: str) -> Flattener:
-    """Return what makes native arguments of one, and their types."""
+    """Return a function that converts an argument of type `kind` to native ones, and their types."""
     if kind in ("float64", "int64"):
         return lambda value: (value,), (ctypes.c_double if kind == "float64" else _WHOLE,)
     if kind.startswith("FunctionType("):
-        # Address for C, Python object, address by numba's convention: the last is all that is looked at.
+        # Address for C, Python object, address in numba's convention: only the last is used.
         return lambda function: (None, None, function.address), (_POINTER, _POINTER, _POINTER)
     strided = kind.startswith("Array(")
     letter = "d" if "float64" in kind else "q"
@@ -165,11 +165,11 @@ def _flattener(kind: str) -> Flattener:
         if not (strided or array.flags.c_contiguous):
             raise TypeError(f"found an array that is not contiguous, expected {kind}")
         try:
-            # A third of the time of the other, but only for what can be written.
+            # Takes a third of the time of the other, but only for writable arrays.
             address = ctypes.addressof(ctypes.c_char.from_buffer(array))
         except (TypeError, ValueError):
             address = array.__array_interface__["data"][0]
-        # No counter of references, no owner.
+        # No reference counter, no owner.
         return (None, None, array.size, 8, address, *array.shape, *array.strides)
 
     return flat, (_POINTER, _POINTER, _WHOLE, _WHOLE, _POINTER, *(2 * dimensions * (_WHOLE,)))
@@ -177,7 +177,7 @@ def _flattener(kind: str) -> Flattener:
 
 @cache
 def processor() -> str:
-    """Return the name of the processor and what it can do: code for one is not for another.
+    """Return the name of the processor and its features: code for one does not run on another.
 
     Raises:
         ImportError: there is no llvmlite.
@@ -205,7 +205,7 @@ def _engine() -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    # The functions that LLVM calls of its own accord.
+    # Functions that code generated by LLVM calls.
     for library in _LIBRARIES:
         with contextlib.suppress(RuntimeError):
             llvm.load_library_permanently(library)
@@ -214,7 +214,7 @@ def _engine() -> Any:
 
 
 def _bind(name: str) -> None:
-    """Tell LLVM where a function is, unless it knows.
+    """Tell LLVM the address of a function, unless it knows.
 
     Raises:
         RuntimeError: it is not in this process.
@@ -223,7 +223,7 @@ def _bind(name: str) -> None:
 
     if llvm.address_of_symbol(name) is not None:
         return
-    # numba_frexp and numba_ldexp are those of the C library, which differ for no finite number.
+    # The C library's frexp and ldexp stand for numba_frexp and numba_ldexp: they agree for every finite number.
     wanted = "abort" if name in _NEVER_CALLED else name.removeprefix("numba_")
     for library in (ctypes.pythonapi, ctypes.CDLL(None)):
         with contextlib.suppress(AttributeError):

@@ -20,7 +20,7 @@ Matrix = tuple[Vector, Vector, Vector]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 NORM_TOLERANCE = 1e-3
-"""How far from 1 the norm of a quaternion given by a user may be."""
+"""Largest deviation from 1 of the norm of a quaternion given by a user."""
 
 
 def hat(v: Vector) -> Matrix:

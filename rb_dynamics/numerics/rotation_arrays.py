@@ -1,4 +1,4 @@
-"""Rotations of arrays of vectors by arrays of unit quaternions xyzw; `rotation.py` has single ones, on floats."""
+"""Rotations of arrays of vectors by arrays of unit quaternions xyzw; `rotation.py` has those of single vectors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rotations_between(first_xyzw: Array, second_xyzw: Array) -> Array:
     along = np.sum(second_xyzw * first_xyzw, axis=1, keepdims=True)
     size = np.linalg.norm(part, axis=1, keepdims=True)
     half = np.arctan2(size, np.abs(along))
-    # q and -q are one attitude: take the shorter rotation. The ratio is 1 where nothing turns.
+    # q and -q are the same attitude: take the shorter rotation. The ratio is 1 if nothing turns.
     ratio = np.divide(half, size, out=np.ones_like(size), where=size > 0.0)
     vectors: Array = 2.0 * np.where(along < 0.0, -1.0, 1.0) * ratio * part
     return vectors
@@ -56,10 +56,10 @@ def product(left_xyzw: Array, right_xyzw: Array) -> Array:
 
 
 def interpolated(time_ns: NDArray[np.int64], poses: Array, wanted_ns: NDArray[np.int64]) -> Array:
-    """Return poses at `wanted_ns`, none outside of `time_ns`: positions linearly, attitudes along the shorter rotation.
+    """Interpolate poses at `wanted_ns`, within `time_ns`: positions linearly, attitudes along the shorter rotation.
 
     Args:
-        time_ns: (n,) ascending, each once.
+        time_ns: (n,), strictly increasing.
         poses: (n, 7) position and unit quaternion xyzw.
         wanted_ns: (m,).
     """

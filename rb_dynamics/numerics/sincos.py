@@ -7,7 +7,7 @@ that turn a body that far are refused long before.
 from __future__ import annotations
 
 LARGEST = 2.0**19
-"""Largest angle (rad) for which all digits are right."""
+"""Largest angle (rad) for which all digits are correct."""
 
 # Adding and subtracting it rounds to a whole number.
 _ROUND = 1.5 * 2.0**52

@@ -69,7 +69,7 @@ def divide(a: Vector, b: Vector) -> Vector:
 
 
 def resized(a: Vector) -> Vector:
-    """Return `a`, or, where the inverse of its length is beyond the range of numbers, a multiple of it that is not."""
+    """Return `a`, or a multiple of it if the inverse of its length is beyond the range of double precision."""
     largest = max(map(abs, a))
     if largest == 0.0 or 1e-300 < largest < 1e300:
         return a

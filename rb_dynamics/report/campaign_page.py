@@ -219,7 +219,7 @@ def _failed(campaign: Campaign, summary: CampaignSummary, rows: Columns, options
     failed = summary.runs - summary.passed
     rest = f" {_LISTED} of {failed} are listed; the rows have all, where passed is false." if failed > _LISTED else ""
     text = (
-        f"The command below flies run {summary.failed[0]} again, to the bit, with a full log of its motion and of its "
+        f"The command below repeats run {summary.failed[0]} to the bit, with a full log of its motion and of its "
         f"commands; with another number, any other.{rest}"
     )
     commands = rerun_commands(campaign, summary.failed[:1], options)
@@ -233,7 +233,7 @@ def _failures(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> Ta
     names = [metric.name for metric in campaign.metrics]
     errors = dict(summary.errors)
     cells: list[Sequence[str]] = []
-    header = ["run", *names, *(["not flown"] if errors else [])]
+    header = ["run", *names, *(["not completed"] if errors else [])]
     for run in shown:
         values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
         cells.append([str(run), *values, *([errors.get(run, "")] if errors else [])])

@@ -52,9 +52,9 @@ def identification_report(found: Identification) -> Report:
 
 def _lead(found: Identification) -> str:
     known = sum(each.known for each in found.parameters)
-    rest = "came to rest" if found.converged else "did not come to rest"
+    rest = "converged" if found.converged else "did not converge"
     return (
-        f"{known} of {len(found.parameters)} numbers are told by {len(found.recordings)} "
+        f"{known} of {len(found.parameters)} numbers are determined by {len(found.recordings)} "
         f"recording{'s' * (len(found.recordings) > 1)}; the fit {rest}, and {found.agreeing} of {found.starts} starts "
         "found this minimum." + "".join(f" {each[0].upper()}{each[1:]}." for each in found.unexplained)
     )
@@ -80,22 +80,22 @@ def _tiles(found: Identification) -> list[Tile]:
 
 def _tile(label: str, value: float, error: float | None, unit: str) -> Tile:
     if error is None:
-        return Tile(label, "not told", f"kept: {value:.6g} {unit}")
+        return Tile(label, "not determined", f"kept: {value:.6g} {unit}")
     return Tile(label, f"{value:.6g}", f"± {error:.2g} {unit}")
 
 
 def _unknown(found: Identification) -> list[Section]:
-    told = [*(f"Not told by these recordings: {each}." for each in found.unknown_combinations)]
-    told += [f"What would tell it: {each}." for each in found.advice]
+    told = [*(f"Not determined by these recordings: {each}." for each in found.unknown_combinations)]
+    told += [f"What would determine it: {each}." for each in found.advice]
     told += [f"{note}." for note in found.notes]
-    return [Section("What these recordings do not tell", "\n\n".join(told))] if told else []
+    return [Section("What these recordings do not determine", "\n\n".join(told))] if told else []
 
 
 def _parameters(found: Identification) -> Table:
     rows = []
     for each in found.parameters:
         if each.interval is None or each.standard_error is None:
-            rows.append([each.name, f"not told (kept: {each.value:.6g})", "", "", each.unit])
+            rows.append([each.name, f"not determined (kept: {each.value:.6g})", "", "", each.unit])
         else:
             low, high = each.interval
             error, interval = f"{each.standard_error:.2g}", f"{low:.7g} … {high:.7g}"
@@ -176,7 +176,7 @@ def _ellipses(found: Identification) -> list[Section]:
     if not pairs:
         return []
     pairs = pairs[:_PAIRS]
-    text = "The numbers whose errors hang together most, with the region that holds both in 95 of 100 cases."
+    text = "The numbers whose errors are most correlated, with the region that holds both in 95 of 100 cases."
     parts = found.parameters
     told = [f"{parts[i].name} and {parts[j].name} {_correlation(found.covariance, i, j):+.2f}" for i, j in pairs]
     figure = Figure(_ellipse_figure(found, pairs), f"Correlations: {', '.join(told)}.")
@@ -225,7 +225,7 @@ def _ellipsoid(found: Identification) -> list[Section]:
     group = next((g for g in ("inertia", "inertia_ratios") if _of(found, g)), "")
     if not group:
         asked = any(each.name.startswith("inertia") for each in found.parameters)
-        text = "The shape of the inertia is not told by these recordings."
+        text = "These recordings do not determine the shape of the inertia."
         return [Section("Ellipsoid of inertia", text)] if asked else []
     at = _of(found, group)
     six = np.array([found.parameters[k].value for k in at])
@@ -260,7 +260,7 @@ def _ellipsoid(found: Identification) -> list[Section]:
     caption = (
         "Ellipsoid of inertia, x · I x = 1, in body axes: green; blue its principal axes. Gray: ellipsoids as likely, "
         + (f"their differences {magnified:g} times as large as they are." if magnified > 1.0 else "to scale.")
-        + (" Only its shape is told, not its size." if group == "inertia_ratios" else "")
+        + (" Only its shape is determined, not its size." if group == "inertia_ratios" else "")
     )
     view = picture(fill, (690.0, 250.0), "Ellipsoid of inertia with its uncertainty", columns=3)
     return [Section("Ellipsoid of inertia", figures=[Figure(view, caption)])]

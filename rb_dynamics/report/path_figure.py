@@ -70,7 +70,7 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array, Array]]) -> Picture 
 
 
 def _known(time_s: Array, position: Array, attitude: Array) -> tuple[Array, Array]:
-    """Return the samples of known position, so many that they look the same, and a row of NaN in each gap."""
+    """Return samples of known position, enough of them to look the same, and a row of NaN in each gap."""
     there = np.flatnonzero(np.isfinite(position).all(axis=1))
     if not len(there):
         return position[there], attitude[there]

@@ -84,7 +84,7 @@ def components(time_s: Array, values: Array, labels: Sequence[str] = "xyz", *, s
 def far_off(position: Array) -> tuple[Array, str]:
     """Return what to subtract from positions (m) whose motion would not be seen so far from zero, and words for that.
 
-    Zero and "" where it would.
+    Zero and "" if it would.
     """
     known = position[np.isfinite(position).all(axis=1)]
     extent = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
@@ -169,7 +169,7 @@ def picture(
     layout: Literal["constrained"] | None = None,
     columns: int = 1,
 ) -> Picture:
-    """Return the figure of `size` (pt) that `fill` draws, with at most so many points per line.
+    """Return the figure of `size` (pt) that `fill` draws, with a limited number of points per line.
 
     Args:
         fill: draws on an empty figure: once for the picture, once for the plots.

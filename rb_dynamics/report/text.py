@@ -219,7 +219,7 @@ def actuator_rows(summary: RunSummary) -> list[list[str]]:
 
 
 def sensor_rows(summary: RunSummary) -> list[list[str]]:
-    """Return header and rows: measured minus true, about each axis; empty where nothing can be compared."""
+    """Return header and rows: measured minus true, about each axis; empty if nothing can be compared."""
     rows = [["", "", "x", "y", "z"]]
     for each in summary.onboard.sensors:
         for what, values in (("mean", each.mean), ("standard deviation", each.deviation)):

@@ -99,7 +99,7 @@ class _Seen:
 
     Attributes:
         since: for each sample, the first one from which on no torque acted; the one after it while a torque acts.
-        told: whether the recording tells that no torque acts.
+        told: whether the recording shows that no torque acts.
     """
 
     body: RigidBody

@@ -146,7 +146,7 @@ class RigidBodyNode(Node):
             )
             for topic in self._actuators
         }
-        # Channels on which a publisher offers BEST_EFFORT and is not heard yet; readers that are being replaced for
+        # Channels with a BEST_EFFORT publisher from which nothing is received yet; readers that are being replaced for
         # that; and what was taken meanwhile, as both readers may get it.
         self._unheard: set[str] = set()
         self._replaced: dict[str, Subscription] = {}
@@ -332,8 +332,8 @@ class RigidBodyNode(Node):
                 self._wrench_subscriptions[topic] = self._subscribe(topic, before)
                 self._replaced[topic] = before
                 self.get_logger().info(
-                    f"{topic}: a publisher offers BEST_EFFORT: it is heard, but on this channel nothing that the "
-                    "network loses is sent again; for that, let every publisher offer RELIABLE"
+                    f"{topic}: a publisher offers BEST_EFFORT: its commands are received, but those that the "
+                    "network loses are not sent again; for that, let every publisher offer RELIABLE"
                 )
         self._unheard.clear()
         for topic, before in list(self._replaced.items()):
@@ -363,7 +363,7 @@ class RigidBodyNode(Node):
                 self._plain ^= {topic}
                 self._wrench_subscriptions[topic] = self._subscribe(topic)
                 heard = other
-                self.get_logger().info(f"{topic}: heard as {heard}, as its publisher has that type")
+                self.get_logger().info(f"{topic}: subscribed as {heard}, the type of its publisher")
             unheard += [
                 f"{topic}: {publisher.node_name} publishes {publisher.topic_type}, expected {heard}"
                 for publisher in publishers
@@ -542,7 +542,7 @@ def _warm_up(scene: Scene) -> None:
     step = scene.solver.step
     rate = scene.output_rate if step is None else 1.0 / step
     if os.environ.get(_COMPILE) == "always" and rate:
-        # As many outputs as are computed at once where the node has fallen behind.
+        # Number of outputs computed at once if the node has fallen behind.
         Simulation(replace(scene, output_rate=rate)).advance(round(2 * FEWEST / rate * NANOSECONDS))
 
 
@@ -660,7 +660,7 @@ def spin_some(executor: SingleThreadedExecutor) -> None:
 
 
 def _serve(executor: SingleThreadedExecutor, seconds: float) -> bool:
-    """Wait for one thing to do, and do it; return whether it was completed, which `spin_once` does not tell."""
+    """Wait for one task and execute it; return whether it was completed, which `spin_once` does not."""
     try:
         task, entity, node = executor.wait_for_ready_callbacks(timeout_sec=seconds)
     except TimeoutException:

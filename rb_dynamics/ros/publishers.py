@@ -52,7 +52,7 @@ class Topics:
     acceleration: bool = False
     pose_with_covariance: bool = False
     twist_with_covariance: bool = False
-    # Variances in odom and the two: three of position or velocity, three of rotation; zero where there are none.
+    # Variances in odom and the two: three of position or velocity, three of rotation; zero if there are none.
     pose_variances: tuple[float, ...] = (0.0,) * 6
     twist_variances: tuple[float, ...] = (0.0,) * 6
 

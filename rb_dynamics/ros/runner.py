@@ -117,9 +117,9 @@ class Runner:
         return self._scene
 
     def every_second(self) -> None:
-        """Let stamps follow ROS time if that was set anew, and tell of wheels near their limit and of long waits.
+        """Let stamps follow ROS time if that was set anew, and report wheels near their limit and long waits.
 
-        A wait for commands or a clock is told once.
+        A wait for commands or a clock is reported once.
         """
         self.health.hold_wheels(self.simulation)
         if isinstance(self.pacer, Pacer) and self.paced:
@@ -520,7 +520,7 @@ class Runner:
         """Return the simulation time `age_ns` ago, possibly between two outputs, but not before the last."""
         if not self.paced:
             return self.simulation.time_ns
-        # Give up a lag before a command gets its time from it.
+        # Drop a lag before it determines the time of a command.
         return max(self.simulation.time_ns, self._due_ns() - self.pacer.since(max(0, age_ns)))
 
     def _due_ns(self) -> int:

@@ -47,7 +47,7 @@ _PARAMETERS: dict[str, tuple[object, str]] = {
         "time of header.stamp: ros, simulation, or auto (ros if time runs at factor 1 from the start, without /clock)",
     ),
     "apply_at": ("arrival", "when a command takes effect: at its arrival, or at its header.stamp"),
-    "log_latency": (False, "log for each command when it was sent, came and acts: <topic>/latency"),
+    "log_latency": (False, "log when each command was sent, received and applied: <topic>/latency"),
     "deadline": (0.0, "longest time (s) from sending a command to its effect, beyond which it is counted; 0 = none"),
     "mcap": ("", "write an MCAP log to this file; an earlier file is renamed, as for bag and rerun"),
     "bag": ("", "write the log as a rosbag2 folder instead"),

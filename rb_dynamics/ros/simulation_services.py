@@ -219,7 +219,7 @@ class SimulationServices:
         return None if self._runner.paused else _failed("only while paused: set_simulation_state to paused first")
 
     def _outcome(self, before: Simulation, interruptions: int) -> Result:
-        """Return the result of steps that began in the run `before`, after so many interruptions."""
+        """Return the result of steps that began in the run `before`, after this number of interruptions."""
         if failure := self._runner.health.failure:
             return _failed(failure)
         if self._runner.simulation is not before:

@@ -1,4 +1,4 @@
-"""`EdgeSchedule`: the edges of a run that are known ahead: outputs, and the changes that a table of commands makes."""
+"""`EdgeSchedule`: the edges of a run that are known in advance: outputs, and changes by a table of commands."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
 
 FEWEST = 8
-"""Edges that are worth a call of the kernel."""
+"""Least number of edges for which a call of the kernel pays."""
 
-# The number of edges looked up at once.
+# Number of edges looked up at once.
 _MANY = 1_000
 
 
@@ -28,26 +28,26 @@ class EdgeSchedule:
     """The next edges of one run, looked up in blocks.
 
     Attributes:
-        known_ns: the time until which no edge has been left out.
+        known_ns: time until which all edges are known.
     """
 
     def __init__(self, channels: WrenchChannels, body: RigidBody, period_ns: tuple[int, int]) -> None:
-        """Look up outputs every `period_ns` (a ratio) and changes of `channels`."""
+        """Create the schedule of outputs every `period_ns` (a ratio) and of changes of `channels`."""
         self._channels, self._body, self._period_ns = channels, body, period_ns
         self._edges: Edges | None = None
         self.known_ns = -1
 
     def forget(self) -> None:
-        """Look everything up again: new commands have arrived."""
+        """Discard what has been looked up, because new commands have arrived."""
         self._edges, self.known_ns = None, -1
 
     def count(self, time_ns: int, until_ns: int) -> int:
-        """Return about how many there are after `time_ns` and up to `until_ns`: quick, and without numpy."""
+        """Return the approximate number of edges after `time_ns` up to `until_ns`, fast and without numpy."""
         period, parts = self._period_ns
         return (until_ns - time_ns) * parts // period + self._channels.tabled
 
     def after(self, time_ns: int, outputs: int, until_ns: int, horizon_ns: int) -> Edges | None:
-        """Return the edges after `time_ns` and up to `until_ns`; None where they are few.
+        """Return the edges after `time_ns` up to `until_ns`; None if they are few.
 
         `outputs` is the number of past outputs; nothing is known beyond `horizon_ns`.
         """
@@ -81,7 +81,7 @@ class EdgeSchedule:
         import numpy as np
 
         period, parts = self._period_ns
-        # Whole numbers of any size, by Python, where 64 bits do not hold them.
+        # Python's integers, where 64 bits do not suffice.
         kind = np.int64 if (first + _MANY) * 2 * period < 2**62 else object
         numbers = np.arange(first, first + _MANY, dtype=np.int64).astype(kind)
         times = (2 * numbers * period + parts) // (2 * parts)

@@ -2,7 +2,7 @@
 
 Each body moves as it would alone, with the same bits: steps of one length from the start of a hold, and a shorter one
 to the time of an output (`motion/arc.py`). Bodies do not interact. With numba (extra `fast`) they run compiled if that
-pays, in threads and vectorised over bodies; without it one after the other, some hundred times slower.
+pays, in threads and vectorised over bodies; otherwise one after the other, some hundred times slower.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ if TYPE_CHECKING:
 
 
 class _Hold(NamedTuple):
-    """The held wrenches, and the grid of full steps that began with them.
+    """The held wrenches, and the grid of full steps that starts with them.
 
     Attributes:
-        start_ns: when it began.
-        wrenches: four of (1, N, 3), see `Schedule`.
-        reached: number of full steps taken since.
-        state: after them.
+        start_ns: start time.
+        wrenches: four arrays (1, N, 3), see `Schedule`.
+        reached: number of full steps taken so far.
+        state: state after these steps.
     """
 
     start_ns: int
@@ -91,7 +91,7 @@ class Ensemble:
             states: of N bodies.
             method: name of a method with a step, or `exact` for motions with a closed form.
             step: s; required by every method except `exact`.
-            threads: at most this many, by default one per available core; the bits do not depend on it.
+            threads: largest number of threads, by default one per available core; the bits do not depend on it.
             effects: on each of N bodies, such as `scene.combined_effects`; by default none. They must act all the time:
                 uniform and central gravity, drag and buoyancy do.
 
@@ -165,7 +165,7 @@ class Ensemble:
             ValueError: the time is in the past.
             ConvergenceError: a step of a body cannot be solved; names the body. The ensemble is unchanged.
         """
-        # numpy integers overflow, those of Python do not.
+        # Python's integers do not overflow.
         time_ns = time_count(time_ns, "time_ns")
         if time_ns < self.time_ns:
             raise ValueError(f"time_ns is {time_ns}, expected {self.time_ns} or later: time only grows")
@@ -207,7 +207,7 @@ class Ensemble:
         self.time_ns = int(times[-1])
 
     def samples(self) -> Samples:
-        """Return the present state and bookkeeping of all bodies."""
+        """Return the present samples of all bodies."""
         # Samples are computed lazily from the state, so its memory must not be reused.
         self._memory = [array for array in self._memory if array is not self._state]
         return Samples(self._body, self._start, self._state, self.time_ns)
@@ -219,11 +219,11 @@ class Ensemble:
         return *wrenches[:2], wrenches[2] + self._steady, wrenches[3]
 
     def _advanced(self, hold: _Hold, time_ns: int) -> tuple[_Hold, Numbers]:
-        """Return `hold` after its full steps before `time_ns`, and the state then."""
+        """Return `hold` after its full steps up to `time_ns`, and the state at `time_ns`."""
         self._steps.require_few(time_ns - hold.start_ns)
         count, rest = self._steps.split(time_ns - hold.start_ns)
         state = hold.state
-        # In pieces, so that one can be repeated body by body, or be interrupted.
+        # In pieces, so that a failed piece can be repeated body by body, and Ctrl-C works.
         for done in range(hold.reached, count, LONGEST_STRETCH):
             state = self._moved(hold, [min(LONGEST_STRETCH, count - done)], [0.0], state)
         hold = hold._replace(reached=count, state=state)
@@ -233,7 +233,7 @@ class Ensemble:
         return self._taken(self._steps.schedule(counts, rests, hold.wrenches), state, hold.state)
 
     def _taken(self, schedule: Schedule, state: Numbers, *kept: Numbers) -> Numbers:
-        """Return the state after `schedule`, in memory that is used neither by `kept` nor outside."""
+        """Return the state after `schedule`, in memory that nothing else uses."""
         needed = [self._state, self._hold.state, state, *kept]
         after = next((a for a in self._memory if all(a is not other for other in needed)), None)
         if after is None:
@@ -382,7 +382,7 @@ class _Steps:
 
 
 def _grid(method: Method, step: float | None) -> FixedStep | WholeArc:
-    """Return what says how long the steps are."""
+    """Return the step control."""
     if method.order is None:
         return WholeArc()
     expected = f"a number of {SHORTEST_STEP:g} or more (s), as {method.name} needs one"
@@ -419,7 +419,7 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
 
 
 def _copies(*parts: npt.ArrayLike) -> list[npt.ArrayLike]:
-    """Return copies of what is held, since the user's arrays may change."""
+    """Return copies of the held wrenches, because the user's arrays may change."""
     import numpy as np
 
     named = zip(_PARTS, parts, strict=True)
@@ -449,7 +449,7 @@ def _wrenches(
         except ValueError:
             expected = f"({bodies}, 3)" if intervals == 1 else f"({intervals}, 3) or ({intervals}, {bodies}, 3)"
             raise ValueError(f"{name} has shape {given.shape}, expected one that broadcasts to {expected}") from None
-        # A number that is not finite shows in the extremes: two passes over the array, where others would take three.
+        # Minimum and maximum reveal a number that is not finite, in two passes over the array instead of three.
         low, high = float(given.min(initial=0.0)), float(given.max(initial=0.0))
         if not (math.isfinite(low) and math.isfinite(high)):
             where = tuple(map(int, np.argwhere(~np.isfinite(given))[0]))
@@ -470,7 +470,7 @@ def _wrenches(
 
 @lru_cache(maxsize=4)
 def _nothing(intervals: int, bodies: int) -> Numbers:
-    """Return a part that was left out, as most are: read-only zeros (intervals, bodies, 3), 8 bytes in all."""
+    """Return zeros for an omitted part of a wrench: read-only, (intervals, bodies, 3), 8 bytes in all."""
     import numpy as np
 
     return np.broadcast_to(np.array(0.0), (intervals, bodies, 3))
@@ -484,7 +484,7 @@ def _largest(bodies: Sequence[RigidBody]) -> Numbers:
 
 
 def _require_possible(array: Numbers, row: int, largest: Numbers) -> None:
-    """Check forces (row 0) or torques (row 1), (intervals, bodies, 3), each against what its own body can follow."""
+    """Check forces (row 0) or torques (row 1), (intervals, bodies, 3), against the largest for each body."""
     import numpy as np
 
     sizes = np.abs(array).max(axis=(0, 2), initial=0.0)
@@ -503,7 +503,7 @@ def _particles(bodies: Sequence[RigidBody]) -> npt.NDArray[np.bool_]:
 
 
 def _lasting(bodies: Sequence[RigidBody], effects: object) -> list[Lasting]:
-    """Return what effects do on each of `bodies`; empty where there are none."""
+    """Return the lasting effects on each of `bodies`; empty without effects."""
     expected = "give scene.combined_effects of each body, or leave them out"
     many = instances(effects, CombinedEffects, "effects", expected) if effects != () else ()
     if not many:
@@ -524,7 +524,7 @@ def _lasting(bodies: Sequence[RigidBody], effects: object) -> list[Lasting]:
 
 
 def _steady(forces: Sequence[Vector]) -> Numbers | None:
-    """Return held forces (N, 3); None where there are none."""
+    """Return held forces (N, 3); None if there are none."""
     import numpy as np
 
     return np.array(forces, dtype=np.float64) if any(force != ZERO for force in forces) else None

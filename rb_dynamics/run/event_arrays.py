@@ -1,4 +1,4 @@
-"""`EventArrays`: what happens at many edges of a run, as arrays, for sinks that take many events at once."""
+"""`EventArrays`: the events at many edges of a run as arrays, for sinks that accept many events at once."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class EventArrays(NamedTuple):
     """Samples and changes of the wrench.
 
     Attributes:
-        taken: how many samples.
-        samples: with an array of `taken` in the place of each number.
-        changes: k of them.
-        order: (`taken` + k,), number of the sample, or `taken` + number of the change, in the order of time.
+        taken: number of samples.
+        samples: a sample whose fields are arrays of `taken` numbers.
+        changes: k changes of the wrench.
+        order: (`taken` + k,), index of the sample, or `taken` + index of the change, in order of time.
     """
 
     taken: int
@@ -42,7 +42,7 @@ class EventArrays(NamedTuple):
         return cls(len(times), samples, changes, np.argsort(both, kind="stable"))
 
     def events(self) -> Iterator[tuple[int, Sample | AppliedWrench]]:
-        """Yield one event after the other, as they come where edges are taken one by one; and the number in `order`."""
+        """Yield each event as a run edge by edge would write it, with its index in `order`."""
         samples = self._samples()
         for number in self.order.tolist():
             yield number, next(samples) if number < self.taken else self.change(number - self.taken)
@@ -58,7 +58,7 @@ class EventArrays(NamedTuple):
         return (Sample(*row) for row in zip(*columns, strict=True))
 
     def change(self, i: int) -> AppliedWrench:
-        """Return change i by itself."""
+        """Return change i."""
         changes = self.changes
         row, (fx, fy, fz, tx, ty, tz) = int(changes.row[i]), changes.wrench[i].tolist()
         received = changes.came.received(row) if row >= 0 else None

@@ -1,4 +1,4 @@
-"""`Measurements`: when the sensors of a run take their samples and when these arrive, in order of time."""
+"""`Measurements`: takes the samples of the sensors of a run and delivers them after their delays, in order of time."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class _Measuring:
 
     @property
     def due_ns(self) -> int:
-        """When it takes its next sample."""
+        """Time of its next sample."""
         return (2 * self._sample * self._period + self._parts) // (2 * self._parts)
 
     def take(self, truth: Truth) -> Measurement | None:
-        """Take the next sample; None where it gives no message."""
+        """Take the next sample; None if it gives no message."""
         time_ns = self.due_ns
         numbers = self._reading(self._sample, truth)
         self._sample += 1
@@ -39,9 +39,9 @@ class Measurements:
     """The sensors of one run."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first sample."""
+        """Start before the first sample."""
         self._sensors = [_Measuring(sensor, sensor.reading(scene.seed, scene.frames)) for sensor in scene.sensors]
-        # Samples not yet delivered: when they arrive, the number of their sensor, when they were taken.
+        # Samples not yet delivered: time of arrival, number of the sensor, time of the sample.
         self._waiting: list[tuple[int, int, int, Measurement]] = []
 
     @property

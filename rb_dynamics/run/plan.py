@@ -29,12 +29,12 @@ OPEN_END_HORIZON = 3600.0
 
 @dataclass
 class _Choice:
-    """What `auto` chose for arcs of one kind, and what it has learnt about them.
+    """The choice of `auto` for arcs of one kind, and what it has learnt about them.
 
     Attributes:
-        chosen: method and control of the driven ones.
-        driven_arcs: how many there were.
-        length_ns: of the last one, driven or not; 0 before the first.
+        chosen: method and control of driven arcs.
+        driven_arcs: number of driven arcs so far.
+        length_ns: length of the last arc, driven or not; 0 before the first.
     """
 
     chosen: tuple[Method, StepControl] | None = None
@@ -46,8 +46,8 @@ class Plan:
     """Method and step control of one run; it learns step sizes, so each run needs its own plan.
 
     Attributes:
-        name: of the method; "auto" if it varies during the run.
-        description: as text.
+        name: name of the method; "auto" if it varies during the run.
+        description: method and steps as text.
     """
 
     def __init__(self, scene: Scene, begin_ns: int = 0, elapsed: float = 0.0) -> None:
@@ -78,7 +78,7 @@ class Plan:
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
-        # Arcs in which something acts gradually are short and take short steps: they say nothing about the others.
+        # Arcs with transients are short and take short steps, so they are no guide to others.
         self._choice, self._gradual_choice = _Choice(), _Choice()
         self._last = self._choice
         self._driven = False
@@ -131,9 +131,9 @@ class Plan:
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales)
 
     def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
-        """Go from edge to edge by the propagation kernel; None if it does not take that, or is missing.
+        """Propagate from edge to edge by the kernel; None if it does not support that, or is missing.
 
-        Returns the arc that has been reached, and how far it has come.
+        Return the arc that has been reached, and the result of the propagation.
         """
         load_from, scales = arc.load
         if scales.numbers:
@@ -143,7 +143,7 @@ class Plan:
         if closed and not auto:
             driven_by = None
         elif not closed and (driven_by is None or arc_state.control is not driven_by[1]):
-            # The arc has chosen a method of its own.
+            # The arc has chosen another method.
             changes = (edges.kinds & CHANGE).nonzero()[0]
             driven_by = arc_state.method, arc_state.control
             if len(changes):
@@ -192,7 +192,7 @@ class Plan:
             self._driven = not (steady and has_closed_form(held, phase.orientation, phase.angular_velocity))
             if not self._driven:
                 return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
-            # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice follows the scene at little cost.
+            # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice adapts to the scene at little cost.
             if choice.driven_arcs & (choice.driven_arcs - 1) == 0:
                 choice.chosen = self._cheapest(phase, stepper)
         if choice.chosen is None:
@@ -201,11 +201,11 @@ class Plan:
 
     def _cheapest(self, phase: PhaseState, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
         # The length of an arc is unknown; the last one is the best guess, and initially the whole run. An arc that has
-        # lasted longer shows that guess to be wrong: a pulse of milliseconds says nothing of the coast after it.
+        # lasted longer shows that guess to be wrong: a pulse of milliseconds is no guide to the coast after it.
         rest = max(self._horizon - phase.time, 1e-9) if self._ends else self._horizon
         arc = max(self._last.length_ns * 1e-9, phase.time - self._from.time) if self._last.length_ns else rest
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
-        if self._scene.solver.step is not None:  # the most accurate, since it does not choose its steps
+        if self._scene.solver.step is not None:  # the most accurate, because it chooses no steps
             methods = methods[:1]
         return cheapest(methods, self._control, stepper, phase, arc, rest)
 
@@ -214,7 +214,7 @@ class Plan:
         if method.order is None:
             return WholeArc()
         if solver.step is not None:
-            expected = f"a number of {SHORTEST_STEP:g} or more (s), or the run would not get anywhere"
+            expected = f"a number of {SHORTEST_STEP:g} or more (s), because shorter steps would not advance the run"
             control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
             control.require_few(self._scene.end_ns or 0, f"{self._scene.source}: solver.step", SceneError)
             return control

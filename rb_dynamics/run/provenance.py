@@ -20,9 +20,9 @@ _COMPUTES = ("body", "formats/yaml", "loads", "motion", "numerics", "run", "scen
 
 @functools.cache
 def code_hash() -> str:
-    """Return the SHA-256 of the source code that computes runs, paths included; "" where there are no sources.
+    """Return the SHA-256 of the source code that computes runs, paths included; "" if there are no sources.
 
-    Two installations of one version may differ by an edit. Line ends of Windows count as those of Unix.
+    Two installations of one version may differ by an edit. Windows line endings count as Unix ones.
     """
     from pathlib import Path
 
@@ -38,7 +38,7 @@ def code_hash() -> str:
 def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
     """Return the facts at the start of a run: software, platform, method, hash of the scene. Values are text.
 
-    `seed` is empty where nothing in a run draws random numbers.
+    `seed` is empty if a run uses no random numbers.
     """
     import platform
     from pathlib import PurePath
@@ -66,7 +66,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
 
 
 def _of_effects(scene: Scene) -> list[str]:
-    """Return the packages whose numbers are in the effects of a scene."""
+    """Return the packages whose data the effects of a scene use."""
     from rb_dynamics.loads.magnetic_field import MagneticField
 
     fields = [effect for effect in scene.effects if isinstance(effect, MagneticField)]

@@ -47,7 +47,7 @@ def unit_of(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """State and bookkeeping at one instant; field names are those of `simulate --json`.
+    """State, momenta, energies and defects at one time; field names are those of `simulate --json`.
 
     Attributes:
         time_ns: simulation time, integer nanoseconds.
@@ -63,9 +63,9 @@ class Sample:
         angular_momentum_defect_world: L - L0 - integral of N dt, kg m^2/s.
         linear_momentum_defect_world: p - p0 - integral of F dt, kg m/s.
         potential_energy: of the effects that have one, J; None if no effect has one.
-        wheel_speeds: of the reaction wheels relative to the body, rad/s; None where there is none.
-        motor_work: of the motors of the wheels since the start, J; in `work` like all others.
-        friction_heat: of the wheels since the start, J; taken from `work`.
+        wheel_speeds: of the reaction wheels relative to the body, rad/s; None without wheels.
+        motor_work: of the motors of the wheels since the start, J; included in `work`.
+        friction_heat: of the wheels since the start, J; subtracted in `work`.
     """
 
     time_ns: int
@@ -96,7 +96,7 @@ class SampleBuilder:
     """Computes samples: state, momenta, energies and the defects of their balances."""
 
     def __init__(self, effects: CombinedEffects, phase: PhaseState, wheels: WheelSet | None = None) -> None:
-        """Measure the defects from `phase` on; `effects` act on their body in addition to the wrenches."""
+        """Measure defects from `phase` on; `effects` act on their body in addition to the wrenches."""
         self._wheels, self._inner = wheels, (0.0, ZERO)
         if wheels is not None:
             inner = wheels.stored(phase.angular_velocity, phase.inner)
@@ -132,7 +132,7 @@ class SampleBuilder:
             spin = add(spin, rotate(phase.orientation, stored.momentum))
         speeds = motor = heat = None
         if self._wheels is not None:
-            # Motors and friction do their work on body and wheels, whose inner torque moves momentum between them.
+            # Motors and friction do work on body and wheels; their inner torque exchanges momentum between the two.
             inner = self._wheels.stored(phase.angular_velocity, phase.inner)
             motor, heat, power, impulse = self._wheels.booked(phase.inner)
             held = rotate(phase.orientation, inner.momentum)
@@ -159,9 +159,9 @@ class SampleBuilder:
         )
 
     def samples(self, phase: PhaseState, times_ns: npt.NDArray[np.int64]) -> Sample:
-        """Return the samples of the body in many phases, as one with arrays: the same bits as one by one.
+        """Return the samples of the body in many phases, as one sample of arrays, with the same bits as one by one.
 
-        `phase` has an array in the place of each number. Wheels are for `sample` alone.
+        `phase` has arrays in place of numbers. For scenes with wheels use `sample`.
         """
         import numpy as np
 

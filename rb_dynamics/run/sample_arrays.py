@@ -40,14 +40,14 @@ def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
 
 
 def _read_only(array: Numbers) -> Numbers:
-    """Return `array` as it is kept: what one reader writes into it, the next would take for the state."""
+    """Make `array` read-only: otherwise a change by one reader would be the state for the next."""
     found = array.view()
     found.flags.writeable = False
     return found
 
 
 class Samples:
-    """State and bookkeeping of many bodies, or at many times: each field of `Sample` with a leading axis.
+    """Samples of many bodies, or at many times: each field of `Sample` with a leading dimension.
 
     A field is computed when it is first read. Arrays are read-only.
 
@@ -72,7 +72,7 @@ class Samples:
     ) -> None:
         """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`).
 
-        `storing` returns, of such rows, what moves inside the body, as arrays; None where nothing does.
+        `storing` returns, for such rows, momentum and energy of what moves inside the body; None if nothing does.
         """
         self.time_ns = time_ns
         self._body, self._began, self._state, self._storing = body, start, state, storing
@@ -147,7 +147,7 @@ class Samples:
         """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
         if self._stored is None:
             return self._phase.torque_impulse_world
-        # Without the part that went into internal parts, which only the torque on the body includes.
+        # Without the exchange with internal parts, which only the torque on the body includes.
         began = _phase(self._began)
         defect = subtract(subtract(self._spin_of(self._phase), self._spin_of(began)), self._phase.torque_impulse_world)
         gained = subtract(self._spin_of(self._phase, self._stored), self._spin_of(began, self._stored_before))

@@ -79,7 +79,7 @@ _NEVER = 2.0**-31
 
 
 class Batches(Protocol):
-    """Commands that come as arrays, such as those of a recording.
+    """Commands as arrays, such as those of a recording.
 
     Attributes:
         setpoints: commands to actuators, by topic.
@@ -88,7 +88,7 @@ class Batches(Protocol):
     setpoints: Sequence[tuple[str, Setpoint]]
 
     def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
-        """Yield them in the order in which they take effect, and the time (ns) before which all have come."""
+        """Yield batches in the order of effect, each with the time (ns) before which all commands have been yielded."""
 
 
 class Simulation:
@@ -101,9 +101,8 @@ class Simulation:
         clipped: number of commands reduced by the limits of their channel.
         taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
             them.
-        continues: whether the run continues that in `scene.past`, with its bits, impulses and work. It does not if that
-        run
-            does not come to the scene's initial state, to the bit, such as with another body.
+        continues: whether this run continues the run in `scene.past`, with its bits, impulses and work. It does not if
+            that run does not reach exactly the scene's initial state, as with another body.
     """
 
     def __init__(self, scene: Scene, sinks: Sequence[Sink] = (), facts: Mapping[str, str] | None = None) -> None:
@@ -130,26 +129,26 @@ class Simulation:
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
         self.clipped = 0
-        # By wheel and limit.
+        # Times at which wheels came near their limits, by wheel and limit.
         self._remarks: dict[tuple[str, str], str] = {}
         self.continues = False
         rate = Fraction(repr(float(scene.output_rate)))
         self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
         self._outputs = 0
-        # Up to then edges are taken one by one.
+        # Time up to which edges are taken one by one.
         self._one_by_one_ns = 0
-        # Schedules count from the beginning of the run that the scene continues.
+        # Schedules count from the start of the run that the scene continues.
         self._earlier_ns = 0 if scene.past is None else scene.past.length_ns
         if scene.past is None:
             self._prepare(scene)
         else:
             self.continues = self._catch_up(scene.past)
-        # Without a sink, no one sees what sensors give.
+        # Without a sink, nobody receives measurements.
         self._sensing = Measurements(scene) if scene.sensors and self._sinks else None
 
     def _prepare(self, scene: Scene, begin_ns: int = 0, channels: WrenchChannels | None = None) -> None:
-        """Stand at the beginning of a run, at `begin_ns` of the time of this one, with what `channels` hold."""
-        # Effects count time from the beginning of the run that the scene continues.
+        """Prepare the start of a run at `begin_ns` in the time of this one, with the commands that `channels` hold."""
+        # Effects count time from the start of the run that the scene continues.
         elapsed = (self._earlier_ns + begin_ns) / NANOSECONDS
         self._planned = scene, begin_ns, elapsed
         self.plan = Plan(*self._planned)
@@ -177,7 +176,7 @@ class Simulation:
         self._edge_schedule = EdgeSchedule(self._channels, scene.body, self._period_ns or (1, 1))
 
     def _catch_up(self, past: Past) -> bool:
-        """Compute `past` and continue it; otherwise begin anew, with the held commands. Return whether it continues."""
+        """Simulate `past` and continue it; otherwise begin anew with the held commands. Return whether it continues."""
         origin = replace(self.scene, initial=past.initial, duration=past.duration, past=None)
         self._prepare(origin, -past.length_ns)
         for topic, wrench, time_ns in past.commands:
@@ -190,12 +189,12 @@ class Simulation:
         if self.time_ns == 0 and self._phase.state(self.scene.body, 0) == self.scene.initial:
             return True
         _logger.warning(
-            "%s: the run that it continues does not come to the state in `initial`, as body, effects, solver or state "
-            "were changed, or commands left out: it begins anew from there with what was held, and its bits are not "
-            "those of the run",
+            "%s: the run that it continues does not reach the state in `initial`, because body, effects, solver or "
+            "state were changed, or commands left out; this run starts anew from that state with the held commands, "
+            "and its bits differ",
             self.scene.source,
         )
-        # As they are: a command that is held began to act then, and its timeout, delay and lag count from there.
+        # With their own times, from which timeout, delay and lag count.
         channels = self._channels
         while (change_ns := channels.next_change_ns()) is not None and change_ns < 0:
             channels.apply(change_ns)
@@ -223,11 +222,11 @@ class Simulation:
 
     @property
     def sample(self) -> Sample:
-        """State and bookkeeping at `time_ns`."""
+        """The sample at `time_ns`."""
         return self._observer.sample(self._phase, self.time_ns)
 
     def look(self) -> Sample:
-        """Return state and bookkeeping at the last time given to `advance`, edge or not; changes nothing.
+        """Return the sample at the last time given to `advance`, edge or not, without advancing.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -235,12 +234,12 @@ class Simulation:
         return self.sample_of(self.phase)
 
     def sample_of(self, phase: PhaseState) -> Sample:
-        """Return what `look` returns, of `phase` as it is there."""
+        """Return the sample of `phase` at the time of `look`."""
         return self._observer.sample(phase, self._computed_ns)
 
     @property
     def phase(self) -> PhaseState:
-        """What `look` describes, as it is inside the run.
+        """The phase at the time of `look`.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -252,9 +251,9 @@ class Simulation:
         return phase
 
     def phases(self, times_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-        """Advance to the first of `times_ns`, which grow, or as far as one call gets; return the phases, (k, `PHASE`).
+        """Advance to the first of `times_ns` or, by a kernel, to more of them; return the phases there, (k, `PHASE`).
 
-        They are those that `look` sees at these times. None is after the end.
+        `times_ns` increase. The phases are those that `look` shows at these times, none after the end.
 
         Raises:
             ConvergenceError: not even the first could be reached.
@@ -286,7 +285,7 @@ class Simulation:
 
     @property
     def _goes_edge_by_edge(self) -> bool:
-        """Whether something acts or listens that kernels do not support."""
+        """Whether a load or a sink needs edges one by one, because kernels do not support it."""
         load_from, scales = self._arc.load
         acts = self._bank is not None or (load_from is not None and not scales.numbers)
         return bool(acts or self._moves or self._sensing is not None)
@@ -295,7 +294,7 @@ class Simulation:
     def acceleration(self) -> tuple[Vector, Vector]:
         """Acceleration of the body origin (m/s^2) and angular acceleration (rad/s^2) at `time_ns`, body axes."""
         if self.time_ns == self._planned[1] and (first := self._channels.scheduled(self.time_ns)) is not None:
-            # Effects act from the beginning on; what they hold is told, and begins a new arc, after the first sample.
+            # Effects act from the start; their held wrenches are reported, and begin a new arc, after the first sample.
             with self._tentative():
                 self._new_arc(Plan(*self._planned), first)
                 return self._acceleration()
@@ -307,7 +306,7 @@ class Simulation:
 
     @contextlib.contextmanager
     def _tentative(self) -> Iterator[None]:
-        """Take back what a new arc changes."""
+        """Undo afterwards what a new arc changes."""
         before = self._held, self._load_from
         turning = None if self._wheels is None else self._wheels.now
         try:
@@ -319,12 +318,12 @@ class Simulation:
 
     @property
     def steps(self) -> int:
-        """Steps taken so far, without the short ones to a time between two grid points."""
+        """Steps taken so far, not counting the short ones to times between two grid points."""
         return self._steps
 
     @property
     def steps_computed(self) -> int:
-        """Steps taken up to the last time given to `advance`, edge or not; one that goes beyond it counts."""
+        """Steps taken up to the last time given to `advance`, edge or not; a step beyond it counts, too."""
         return self._steps_before + self._arc.steps_to(self._computed_ns)
 
     @property
@@ -338,7 +337,7 @@ class Simulation:
         return tuple(dict.fromkeys((*self._used, *(self._arc.methods if self._computed_ns > self.time_ns else ()))))
 
     def course(self) -> RoundingHistory:
-        """Return statistics of the path up to the last time given to `advance`, edge or not; changes nothing.
+        """Return statistics of the path up to the last time given to `advance`, edge or not.
 
         Raises:
             ConvergenceError: a step could not be solved.
@@ -396,9 +395,9 @@ class Simulation:
     def take(self, command: CheckedWrench, time_ns: int) -> None:
         """Let a command from `check` take effect as `post` does; a rejected one is reported to the sinks."""
         if self.continues and time_ns < 0:
-            return  # in what came before
+            return  # in the past
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
-        # One for after the end stays, too: see `hasten`.
+        # A command for after the end is kept, too: see `hasten`.
         self._channels.take(command, time_ns)
         self._edge_schedule.forget()
         self.clipped += command.clipped and self._before_end(time_ns)
@@ -416,7 +415,7 @@ class Simulation:
             raise WrenchError(f"topic is {topic!r}, expected that of an actuator; the scene lists none")
         in_time = self._before_end(time_ns)
         if in_time:
-            # A rejected one, too: the sinks are told at its time.
+            # A rejected one is kept, too: sinks receive it at its time.
             self._bank.post(topic, value, time_ns)
         clipped = self._bank.accept(topic, value)
         self.clipped += clipped and in_time
@@ -428,7 +427,7 @@ class Simulation:
     def set_state(self, change: StateChange) -> None:
         """Move the body to another state at the time of `change`; a time in the past means now.
 
-        Held commands stay, and outputs, schedules and the end keep their times. A change after the end is not kept.
+        Commands remain held; outputs, schedules and the end keep their times. A change after the end is ignored.
 
         Raises:
             ConvergenceError: an energy or a momentum of that state is beyond double precision.
@@ -441,7 +440,7 @@ class Simulation:
     def post_batch(self, batch: CommandBatch) -> list[str]:
         """Let commands take effect as `post` does, in the order of `batch`, each at its time; return why some do not.
 
-        None is earlier than one of an earlier batch.
+        No command is earlier than one of an earlier batch.
         """
         end_ns = math.inf if self.end_ns is None else self.end_ns
         first, last = batch.time_ns.searchsorted((self._computed_ns, end_ns), side="right").tolist()
@@ -461,7 +460,7 @@ class Simulation:
     def post_in_order(self, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
         """Let each command take effect at its stamp as `post` does; return why some do not.
 
-        They come by their stamps, none of them earlier than one posted before.
+        The commands are in order of their stamps, none earlier than one posted before.
         """
         end_ns = math.inf if self.end_ns is None else self.end_ns
         rejected = []
@@ -479,9 +478,9 @@ class Simulation:
         return rejected + (self.post_batch(listed(regular)) if regular else [])
 
     def hasten(self, by_ns: int) -> list[str]:
-        """Let commands that wait and have a stamp act this much sooner; return the channels of those that never will.
+        """Let pending commands that have a stamp act this much sooner; return the channels of those that never will.
 
-        Of each channel's commands that would have acted before now the newest acts now, and the others never.
+        Of each channel's commands that would have acted before now, the newest acts now, and the others never.
         """
         self._edge_schedule.forget()
         return self._channels.hasten(by_ns, self._computed_ns)
@@ -498,7 +497,7 @@ class Simulation:
         return (2 * self._outputs * period + parts) // (2 * parts)
 
     def next_event_ns(self) -> int:
-        """Return the next time at which a sink gets something, as far as that is known: a sample or a measurement."""
+        """Return the next time at which a sink receives a sample or a measurement, as far as known."""
         output = self.next_output_ns()
         return output if self._sensing is None else min(output, self._sensing.next_ns)
 
@@ -523,7 +522,7 @@ class Simulation:
                 switch = self._next_switch_ns(self._wheels, min(edge, until_ns))
                 edge = edge if switch is None else switch
             if edge > until_ns or self.ended:
-                # No edge is reached, but the steps towards it are done, so the next call has less to do.
+                # No edge is reached, but steps towards it are taken, so that the next call costs less.
                 if not self.ended:
                     self._arc.advance(until_ns)
                     self._computed_ns = max(self._computed_ns, until_ns)
@@ -557,11 +556,11 @@ class Simulation:
 
     @property
     def remarks(self) -> list[str]:
-        """What came near a limit so far, in full sentences."""
+        """Warnings about limits that were nearly reached so far, in full sentences."""
         return list(self._remarks.values())
 
     def _look_at_wheels(self, wheels: WheelSet) -> None:
-        """Remember the first time at which each wheel is near a limit."""
+        """Record the first time at which each wheel is near a limit."""
         speeds = wheels.speeds(self._phase.angular_velocity, self._phase.inner)
         step, at = self.scene.solver.step or 0.0, f"{self.time_ns / NANOSECONDS:.9g} s"
         for wheel, speed in zip(wheels.wheels, speeds, strict=True):
@@ -597,8 +596,8 @@ class Simulation:
         return nearest_ns if self.end_ns is None else min(nearest_ns, self.end_ns)
 
     def _fly(self, until_ns: int) -> bool:
-        """Go from edge to edge up to `until_ns` by a kernel; return whether there is more to do."""
-        # The last edge has more to it; and where this does not work, all are taken one by one.
+        """Propagate from edge to edge up to `until_ns` by a kernel; return whether it may be called again."""
+        # The last edge needs more than a kernel does; where this fails, all edges are taken one by one.
         self._one_by_one_ns = until_ns
         few = self._period_ns is None or self._edge_schedule.count(self.time_ns, until_ns) < FEWEST
         if few or self._goes_edge_by_edge:
@@ -659,7 +658,7 @@ class Simulation:
             return
         held = dict(zip(at[kinds & CHANGE != 0].tolist(), edges.held, strict=False))
         for number, event in block.events():
-            # What the acceleration is asked for.
+            # For the acceleration.
             self.time_ns = event.time_ns
             if isinstance(event, Sample):
                 self._phase = phase_of(tuple(rows[:, number].tolist()))
@@ -672,7 +671,7 @@ class Simulation:
         return lambda phase: WheelLoad(wheels, held, None if load_from is None else load_from(phase), phase.inner)
 
     def _torque(self, phase: PhaseState) -> Vector:
-        """Return the torque (principal axes) on body and wheels from outside."""
+        """Return the external torque (principal axes) on body and wheels."""
         load = None if self._load_from is None else self._load_from(phase)
         assert isinstance(load, WheelLoad)
         velocity = scale(1.0 / self.scene.body.mass, phase.linear_momentum_world)
@@ -690,14 +689,14 @@ class Simulation:
     def _next_switch_ns(self, wheels: WheelSet, until_ns: int) -> int | None:
         """Return the first time up to `until_ns` at which a wheel switches between free and held; None if none does.
 
-        Looked for in whole strides, so that it depends neither on outputs nor on how time advances.
+        The search covers whole strides, so that the result depends neither on outputs nor on the calls of `advance`.
         """
         while True:
             end_ns = self._arc.next_grid_ns()
             if end_ns != self._searched_ns:
                 first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
                 self._searched_ns, self._switch_ns = end_ns, None
-                # The end of a stride is known where it was taken to choose it.
+                # The phase at the end of a stride is known if the stride was taken to choose it.
                 state = self._arc.state
                 unlike = state.stride == 0 or self._switching(wheels, state.after)
                 if unlike and last > first and self._switching(wheels, self._arc.at(last)):
@@ -830,7 +829,7 @@ class Simulation:
         self._searched_ns, self._switch_ns = -1, None
 
     def _new_arc(self, plan: Plan, more: HeldWrench | None = None) -> Arc:
-        """Begin an arc at `time_ns`, under what acts and `more`."""
+        """Begin an arc at `time_ns` under the present loads and `more`."""
         acting, driven, dipole = self._channels.total(), None, ZERO
         if more is not None:
             acting = acting + more
@@ -852,7 +851,7 @@ class Simulation:
             self._wheels.settle(lambda: self._torque(start), start.angular_velocity, start.inner)
         numbers, gradually = None, None
         wheels: tuple[float, ...] = ()
-        # What acts gradually and imbalances have no numbers.
+        # Transients and imbalances have no numbers for kernels.
         if self._load_from is not None and not transients and (self._wheels is None or not self._wheels.imbalances):
             numbers = self._effects.numbers(seconds, dipole)
             wheels = self._wheels.numbers if self._wheels is not None and numbers else ()
@@ -870,7 +869,7 @@ def without_outputs(scene: Scene) -> Scene:
     """Return `scene` without outputs, for runs without sinks; the motion is the same."""
     if scene.output_rate == 0.0:
         return scene
-    # All else has been checked, and what the scene has found out of itself stays true.
+    # Everything else has been checked, and cached properties of the scene stay valid.
     found = copy(scene)
     object.__setattr__(found, "output_rate", _NEVER)
     return found
@@ -884,7 +883,7 @@ def _sink(sink: Sink) -> Sink:
 
 
 def _channels(scene: Scene, effects: CombinedEffects, earlier_ns: int) -> WrenchChannels:
-    """Return the channels of the scene, then one for each effect that holds wrenches `earlier_ns` before."""
+    """Return the channels of the scene, then one for each effect with held wrenches, `earlier_ns` sooner."""
     schedules = effects.schedules()
     channels = WrenchChannels(scene.channels, scene.frames, [name for name, _ in schedules], scene.body)
     for number, (_, entries) in enumerate(schedules):
@@ -897,7 +896,7 @@ def _channels(scene: Scene, effects: CombinedEffects, earlier_ns: int) -> Wrench
 def _with_transients(
     transients: Sequence[Transient], since_ns: int, start: PhaseState, load_from: LoadFrom | None
 ) -> LoadFrom:
-    """Return the load of an arc from `start` at `since_ns` with what acts gradually."""
+    """Return the load of an arc from `start` at `since_ns`, transients included."""
     ages = [(since_ns - each.since_ns) / NANOSECONDS for each in transients]
 
     def at(phase: PhaseState) -> TransientLoad:
@@ -908,7 +907,7 @@ def _with_transients(
 
 
 def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState) -> OfPhase:
-    """Return for how long (s) a phase of an arc predicts the loads that change gradually."""
+    """Return for how long (s) a phase of an arc predicts the transients."""
     ages = [(since_ns - each.since_ns, each) for each in transients]
 
     def at(phase: PhaseState) -> float:
@@ -919,7 +918,7 @@ def _sight_of(transients: Sequence[Transient], since_ns: int, start: PhaseState)
 
 
 def _sight_of_wheels(wheels: WheelSet) -> OfPhase | None:
-    """Return for how long (s) a phase predicts the loads of imbalances; None where there are none."""
+    """Return for how long (s) a phase predicts the loads of imbalances; None without imbalances."""
     return (lambda phase: wheels.sight(phase.angular_velocity, phase.inner)) if wheels.imbalances else None
 
 
@@ -937,10 +936,10 @@ class Run:
         sample: at the end of the run.
         method: names of the methods that moved the body, joined by "+".
         steps: total number of steps.
-        wall_time_s: s.
+        wall_time_s: wall time of the run, s.
         rejected: the reason for each rejected command; the run continued without them.
         clipped: number of commands reduced by the limits of their channel.
-        remarks: what came near its limit, in full sentences.
+        remarks: warnings about limits that were nearly reached, in full sentences.
     """
 
     sample: Sample
@@ -964,8 +963,8 @@ def simulate(
     Args:
         scene: the scene to simulate, or its file; its `duration` must be given.
         commands: wrench commands for the scene's channels. Those after the end have no effect; rejected ones are named
-            in the result, as in the node. A sequence may be in any order; any other iterable is read during the run,
-            `LOOK_AHEAD` commands ahead of it, and not kept.
+            in the result, as in the node. A sequence may be in any order. Any other iterable is read during the run,
+            `LOOK_AHEAD` commands ahead, and not kept.
         sinks: receive the events of the run.
         progress: called repeatedly with the fraction done.
         facts: additional facts for logs, such as the source of the commands.
@@ -976,7 +975,7 @@ def simulate(
         LogError: a log cannot be written.
         ConvergenceError: a step could not be solved; the log is complete up to there.
         KeyboardInterrupt: Ctrl-C; the log is complete up to there, too.
-        ValueError: `commands` is not a sequence, and one came after the run had passed its stamp.
+        ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
     """
     started = time.perf_counter()
     scene = opened(scene)
@@ -1011,7 +1010,7 @@ def simulate(
 
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
-    """Do what `_post_ahead` does for commands that come as arrays."""
+    """As `_post_ahead`, for commands as arrays."""
     rejected += _post(run, commands.setpoints)
     for batch, until_ns in commands.batches():
         rejected += run.post_batch(batch)
@@ -1042,7 +1041,7 @@ def as_command(command: object) -> Command:
 
 
 def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
-    """Post `commands` to a run in the order in which `simulate` does; return the reason for each rejected one.
+    """Post `commands` to a run in the same order as `simulate`; return the reason for each rejected one.
 
     Raises:
         TypeError: one is not a pair of a topic and a wrench.
@@ -1069,7 +1068,7 @@ LOOK_AHEAD = 1000
 
 
 def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str]) -> Iterator[int]:
-    """Post commands, yielding repeatedly the time (ns) until which all have been posted; at last the end."""
+    """Post commands; yield repeatedly the time (ns) until which all have been posted, and finally the end."""
     if hasattr(commands, "batches"):
         yield from _post_batches(run, cast("Batches", commands), rejected)
         return

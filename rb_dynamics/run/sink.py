@@ -1,4 +1,4 @@
-"""`Sink`: receives the events of a run by three calls, which the logs in memory, MCAP and Rerun and the node implement.
+"""`Sink`: receives the events of a run by three calls; implemented by MCAP and Rerun logs, arrays, and the node.
 
 Events are values in the units and frames of the log. A sink must not change the run.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """What is known when a run begins.
+    """Information about a run at its start.
 
     Attributes:
         scene: the validated scene, with its text as `scene.text` and its file name as `scene.source`.
@@ -61,11 +61,11 @@ class Latency:
     """The latency of a command to a node; the times of the sender are those of its clock.
 
     Attributes:
-        time_ns: simulation time at which it was taken.
+        time_ns: simulation time at which the command was read.
         topic: of the channel, as the scene writes it.
         sent_ns: ROS time at which it was sent.
-        received_ns: ROS time at which it came.
-        acted_ns: ROS time at which it took or takes effect, without a delay of the channel.
+        received_ns: ROS time at which it was received.
+        acted_ns: ROS time at which it takes effect, without a delay of the channel.
         number: the sender's sequence number; 0 if unknown.
     """
 
@@ -95,10 +95,10 @@ class Measurement:
     """A measurement of a sensor.
 
     Attributes:
-        time_ns: simulation time at which it comes, after the sensor's delay.
-        taken_ns: of the sample: the stamp of its message.
+        time_ns: simulation time at which it arrives, after the sensor's delay.
+        taken_ns: time of the sample: the stamp of its message.
         topic: the name of the sensor, as the scene writes it.
-        numbers: of its message, in their order.
+        numbers: the numbers of its message, in their order.
     """
 
     time_ns: int
@@ -124,8 +124,9 @@ Event = (
 class Sink(Protocol):
     """Receives the events of a run: one `open`, then `write` in order of time, then one `close`.
 
-    A sink that also has `write_block(block)`, see `run/event_arrays.py`, takes samples and changes of the wrench by the
-    thousand where the run knows them ahead; to the others they come one by one. `write_block` may be None.
+    A sink may also have `write_block(block)`, see `run/event_arrays.py`. It then receives samples and changes of the
+    wrench by the thousand if the run knows them in advance; other sinks receive them one by one. `write_block` may be
+    None.
     """
 
     def open(self, run: RunInfo) -> None:

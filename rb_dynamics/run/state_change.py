@@ -16,7 +16,7 @@ from rb_dynamics.run.sample import kinetic_energy
 
 @dataclass(frozen=True, slots=True)
 class StateChange:
-    """A state that the body is moved to, as it is logged, so that a replay has the same bits.
+    """A state to which the body is moved, in the form of the log, so that a replay has the same bits.
 
     Attributes:
         time_ns: simulation time.
@@ -62,12 +62,12 @@ class StateChange:
         return State(self.time_ns, self.position_world, self.orientation_xyzw, velocity, self.angular_velocity_body)
 
     def at(self, time_ns: int) -> StateChange:
-        """Return the same change at another time."""
+        """Return this change at another time."""
         return replace(self, time_ns=time_ns)
 
 
 def moved(body: RigidBody, phase: PhaseState, change: StateChange) -> PhaseState:
-    """Return `phase` after `change`: as an impulse, an angular impulse and work in no time."""
+    """Return `phase` after `change`: an instantaneous impulse, angular impulse and work."""
     new = PhaseState.of(body, change.state)
     jump = Increment(
         ZERO,
@@ -78,7 +78,7 @@ def moved(body: RigidBody, phase: PhaseState, change: StateChange) -> PhaseState
         kinetic_energy(body, new) - kinetic_energy(body, phase),
     )
     high, low = grown(phase.high, phase.low, jump, 0.0)
-    # Position and momentum are the new ones, without a rounding.
+    # Position and momentum are exactly the new ones.
     return PhaseState(
         new.orientation,
         new.angular_velocity,

@@ -32,14 +32,14 @@ class Stopped(KeyboardInterrupt):
     """SIGTERM, SIGHUP or Ctrl-C; handled wherever Ctrl-C is."""
 
     def __init__(self, number: int) -> None:
-        """Keep the `number` of the signal."""
+        """Create it for the signal of this `number`."""
         super().__init__(number)
         self.number = number
 
 
 @contextlib.contextmanager
 def interrupted_by_signals() -> Iterator[None]:
-    """Treat SIGTERM and SIGHUP like Ctrl-C, once: further signals do not interrupt the closing of logs."""
+    """Treat the first SIGTERM or SIGHUP like Ctrl-C; further signals do not interrupt the closing of logs."""
     came: list[int] = []
     _waiting.clear()
 
@@ -52,7 +52,7 @@ def interrupted_by_signals() -> Iterator[None]:
         else:
             raise Stopped(number)
 
-    # Where Ctrl-C is ignored, as in the background of a script, it stays so.
+    # If Ctrl-C is ignored, as in the background of a script, it remains so.
     interrupt = [signal.SIGINT] if signal.getsignal(signal.SIGINT) is signal.default_int_handler else []
     with stop_signals(handle, *interrupt):
         yield
@@ -60,7 +60,7 @@ def interrupted_by_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_wait() -> Iterator[None]:
-    """Let Ctrl-C, where Python handles it, wait for the end of a block of `uninterrupted`, for users of the library."""
+    """For users of the library: let Ctrl-C wait for the end of a block of `uninterrupted`, if Python handles it."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -78,13 +78,13 @@ def interrupts_wait() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-# How many blocks of `uninterrupted` the main thread is in, and the signals that wait for their end.
+# Number of `uninterrupted` blocks that the main thread is in, and the signals that wait for their end.
 _depth, _waiting = [0], list[int]()
 
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let signals of the two contexts above wait until the block ends: a write half done would damage a log."""
+    """Let signals of the two contexts above wait until the block ends: an interrupted write would damage a log."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

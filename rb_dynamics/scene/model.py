@@ -171,8 +171,8 @@ class Scene:
         object.__setattr__(self, "actuators", actuators)
         if actuators and self.past is not None:
             raise SceneError(
-                "actuators: what they did in the run that the scene goes on from is not known, expected none; let the "
-                "scene begin by itself: leave out continues"
+                "actuators: their state in the run that the scene continues is not known, expected none; remove "
+                "continues"
             )
         for sensor in sensors:
             sensor.fixed(self.frames)

@@ -23,7 +23,7 @@ def _size(unit: str) -> Range:
 
 
 def _turned(orientation: Quaternion, size: float, numbers: Four) -> Quaternion:
-    """Return an attitude that is off by three angles of standard deviation `size` (rad) about the sensor's axes."""
+    """Return an attitude with random errors of standard deviation `size` (rad) about the sensor's three axes."""
     return normalize(multiply(orientation, exp(scale(size, numbers[:3])))) if size > 0.0 else orientation
 
 
@@ -103,10 +103,10 @@ class PoseSensor(Sensor):
 
 @dataclass(frozen=True, kw_only=True)
 class SunSensor(Sensor):
-    """The direction of the sun, a unit vector in the axes of its frame; nothing while the sun is out of its view.
+    """The direction of the sun, a unit vector in the axes of its frame; no message while the sun is out of view.
 
     Attributes:
-        direction_world: towards the sun; its length does not count.
+        direction_world: towards the sun; its length does not matter.
         noise: standard deviation of the angle about each axis perpendicular to the direction, rad, in every sample.
         field_of_view: angle (rad) from the x axis of its frame within which it sees the sun.
     """
@@ -132,14 +132,14 @@ class SunSensor(Sensor):
 
         Raises:
             TypeError: an argument is not of its type.
-            SceneError: a number is out of range, or there is no direction.
+            SceneError: a number is out of range, or the direction is zero.
         """
         super().__post_init__()
         check_vector(self, "direction_world", "the direction of the sun", direction=True)
 
     @property
     def may_be_silent(self) -> bool:
-        """Whether the sun can be out of its view."""
+        """Whether the sun can be out of view."""
         return self.field_of_view < math.pi
 
     @property

@@ -1,4 +1,4 @@
-"""`AxisErrors`: what three sensitive axes do to a true vector, as gyros, accelerometers and magnetometers have them.
+"""`AxisErrors`: the errors of three sensitive axes, as gyros, accelerometers and magnetometers have them.
 
 The terms are those of IEEE Std 952 (gyros): noise density N gives white noise of N sqrt(rate) in each sample, whose
 Allan deviation is N / sqrt(tau); random walk K moves the bias by K / sqrt(rate) from sample to sample, whose Allan
@@ -29,13 +29,13 @@ class AxisErrors:
 
     Attributes:
         noise_density: N, unit / sqrt(Hz).
-        random_walk: K, unit / sqrt(s): of the bias.
-        bias: at the start.
+        random_walk: K, of the bias, unit / sqrt(s).
+        bias: initial bias.
         scale: relative error of scale of each axis.
         misalignment: rotation vector, rad, by which a true vector is turned in the frame: the sensitive axes are turned
             the other way.
         range: the largest size of each component; infinite for no limit.
-        resolution: of which each component is a whole multiple; 0 for no steps.
+        resolution: step of the output: each component is a whole multiple of it; 0 for no steps.
     """
 
     noise_density: float = 0.0
@@ -47,7 +47,7 @@ class AxisErrors:
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what are not errors.
+        """Check the arguments.
 
         Raises:
             TypeError: an argument is not of its type.
@@ -64,7 +64,7 @@ class AxisErrors:
 
     @classmethod
     def read(cls, entry: SceneEntry | None) -> AxisErrors:
-        """Return the errors in an entry of a scene; none without one."""
+        """Return the errors in an entry of a scene; no errors if there is no entry."""
         if entry is None:
             return cls()
         size, remedy = "a number of 0 or more", "write a size without a sign"
@@ -86,7 +86,7 @@ class AxisErrors:
         )
 
     def measuring(self, random: RandomNumbers, lane: int, rate: float) -> Callable[[int, Vector], Vector]:
-        """Begin to measure with noise of the lanes `lane` and `lane` + 1, which adds to what it gives."""
+        """Return a function that adds the errors to true vectors, with noise of the lanes `lane` and `lane` + 1."""
         white, step = self.noise_density * math.sqrt(rate), self.random_walk / math.sqrt(rate)
         turn, gain, limit, unit = exp(self.misalignment), add((1.0, 1.0, 1.0), self.scale), self.range, self.resolution
         bias = self.bias
@@ -111,7 +111,7 @@ class AxisErrors:
 
 
 AXIS_KEYS = tuple(field.name for field in fields(AxisErrors))
-"""Their names in a scene."""
+"""Keys of the errors in a scene."""
 
 
 def _three(numbers: Four) -> Vector:

@@ -1,4 +1,4 @@
-"""An inertial measurement unit: three gyros, and three accelerometers, which feel specific force, not acceleration."""
+"""An inertial measurement unit: three gyros, and three accelerometers, which measure specific force."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
 
-# sensor_msgs/Imu: it gives no attitude, which a covariance that begins with -1 says.
+# sensor_msgs/Imu: a covariance that begins with -1 means that there is no attitude.
 _NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
 
 
@@ -25,7 +25,7 @@ _NO_ATTITUDE = (0.0, 0.0, 0.0, 1.0, -1.0, *(0.0,) * 8)
 class Imu(Sensor):
     """Angular velocity (rad/s) and specific force (m/s^2) in the axes of its frame.
 
-    The specific force is the acceleration of the frame's origin less gravity there: f = a + w' x r + w x (w x r) - g,
+    The specific force is the acceleration of the frame's origin minus gravity there: f = a + w' x r + w x (w x r) - g,
     with a of the body origin and r from it to the frame (Titterton and Weston, Strapdown Inertial Navigation
     Technology, section 2.4). At rest on a table it would point up; in free fall it is 0 at the centre of mass.
 

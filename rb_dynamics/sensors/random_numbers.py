@@ -1,7 +1,7 @@
-"""Random numbers that depend on nothing but (seed, name, sample, lane): Philox, and normal numbers from it.
+"""Random numbers that depend only on (seed, name, sample, lane): Philox, and normal numbers from it.
 
-A counter-based generator has no state: a sensor draws the same bits at any rate of outputs, in a run that advances in
-pieces, in a replay, and whatever other sensors there are. In plain Python, as the streams of numpy may change.
+A counter-based generator has no state: a sensor draws the same bits at any output rate, in a run that advances in
+pieces, in a replay, and with any other sensors. In plain Python, because numpy's streams may change.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ def philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[in
 
 
 class RandomNumbers:
-    """The random numbers of what is called `name`, in runs with one seed."""
+    """The random numbers for one name, in runs with one seed."""
 
     def __init__(self, seed: int, name: str) -> None:
-        """Key the numbers by seed and name."""
+        """Derive the key from seed and name."""
         self._key = seed, int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
 
     def uniform(self, sample: int, lane: int) -> Four:
@@ -47,5 +47,5 @@ class RandomNumbers:
 
 
 def _between(word: int) -> float:
-    # 52 bits and a half: neither 0 nor 1 in double precision.
+    # 52 bits plus a half: never 0 or 1 in double precision.
     return ((word >> 12) + 0.5) * 2.0**-52

@@ -1,6 +1,6 @@
-"""`Sensor`: samples the true motion, and publishes it late, with errors and noise; it does not affect the motion.
+"""`Sensor`: samples the true motion and publishes it with delay, errors and noise; it does not affect the motion.
 
-A sensor is data from the scene. For each run it begins a `Reading`, which gives one sample after the other.
+A sensor holds data from the scene. For each run it creates a `Reading`, which takes one sample after the other.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
 
 COMMON_KEYS = ("name", "rate", "frame", "delay", "dropout")
-"""Keys of every sensor, beside `type`."""
+"""Keys of every sensor, in addition to `type`."""
 
 
 class Truth(NamedTuple):
-    """What a sensor may read, at the time of a sample.
+    """The true motion and environment at the time of a sample.
 
     Attributes:
         position_world: of the body origin, m.
@@ -47,9 +47,9 @@ class Truth(NamedTuple):
 
 
 Reading = Callable[[int, Truth], "tuple[float, ...] | None"]
-"""Given the number of a sample and the truth there, returns the numbers of its message; None where there is none.
+"""Takes the index of a sample and the truth, and returns the numbers of its message; None for no message.
 
-It is called for every sample from 0 on, in order: a bias that wanders has a past.
+It is called for every sample from 0 on, in order, because a random walk of the bias depends on earlier samples.
 """
 
 
@@ -62,13 +62,13 @@ class Sensor:
         message: type of its messages.
         in_world: whether their `frame_id` is the world, not the sensor's own frame.
         needs_field: whether it measures a magnetic field.
-        keys: of its entry in the scene, beside `type` and `COMMON_KEYS`.
-        ranges: of its numbers.
-        values: what it measures, each by its place in the numbers of a message.
+        keys: keys of its entry in the scene, in addition to `type` and `COMMON_KEYS`.
+        ranges: ranges of its numbers.
+        values: the measured quantities, each with its place among the numbers of a message.
         name: its topic.
         rate: samples per second of simulation time.
         frame: its frame, fixed on the body; "" for the body frame.
-        delay: s from a sample to its message, whose stamp is that of the sample.
+        delay: time from a sample to its message, s; the message has the stamp of the sample.
         dropout: probability that a sample gives no message.
     """
 
@@ -110,7 +110,7 @@ class Sensor:
 
     @property
     def may_be_silent(self) -> bool:
-        """Whether it sends nothing while its target is out of view."""
+        """Whether it sends no messages while its target is out of view."""
         return False
 
     @property
@@ -120,11 +120,11 @@ class Sensor:
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Sensor:
-        """Return the sensor that an entry of a scene asks for; problems with its values are recorded there."""
+        """Return the sensor of an entry of a scene; problems with its values are recorded in the entry."""
         return cls(**cls._common(entry))
 
     def reading(self, seed: int, frames: WrenchFrames) -> Reading:
-        """Begin to measure in a run."""
+        """Return the reading for a run."""
         measure, random = self.measuring(RandomNumbers(seed, self.name), self.fixed(frames)), None
         if self.dropout > 0.0:
             random = RandomNumbers(seed, f"{self.name}/dropout")
@@ -137,7 +137,7 @@ class Sensor:
         return read
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
-        """Begin to measure, at `place` on the body and with errors from `random`; losses of samples come later."""
+        """Return the reading at `place` on the body, with errors from `random`, without lost samples."""
         raise NotImplementedError
 
     def fixed(self, frames: WrenchFrames) -> FixedFrame:
@@ -162,7 +162,7 @@ class Sensor:
 
     @classmethod
     def _common(cls, entry: SceneEntry) -> dict[str, Any]:
-        """Read what every sensor has, and all numbers; `scene/read_devices.py` has checked the name."""
+        """Return the values common to all sensors, and all numbers; `scene/read_devices.py` has checked the name."""
         frame = entry.text("frame", "the name of a frame", "")
         if frame and frame not in (entry.frames.body_frame, *(entry.frames.fixed or {})):
             known = ", ".join([entry.frames.body_frame, *(entry.frames.fixed or {})])

@@ -10,7 +10,7 @@ from rb_dynamics.run.sink import Event, RunInfo, Sink
 
 
 class GuardedSink:
-    """Passes everything on until the sink behind it raises a `LogError`; keeps that as `error` and reports it once."""
+    """Passes everything to a sink until that raises a `LogError`, which it keeps as `error` and reports once."""
 
     def __init__(
         self,

@@ -172,7 +172,7 @@ class McapSink:
 
     @property
     def write_block(self) -> Callable[[EventArrays], None] | None:
-        """Log many events, to the same bytes as one by one; None where the acceleration is asked for, of each sample.
+        """Log many events, to the same bytes as one by one; None if the acceleration is asked for, of each sample.
 
         Raises:
             LogError: when it is called: as `write`.

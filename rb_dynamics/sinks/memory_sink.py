@@ -20,7 +20,7 @@ class MemorySink:
     """Keeps every sample; each field of `Sample` is an array over time with the name of the field.
 
     `sink.time_ns` is (n,) int64; `sink.position_world` is (n, 3), `sink.kinetic_energy` (n,) float64, and so on;
-    `sink.potential_energy` holds None where no effect has one.
+    `sink.potential_energy` holds None if no effect has one.
 
     Attributes:
         samples: the samples themselves.

@@ -38,7 +38,7 @@ def blueprint(
     Args:
         poinsot_eye: viewpoint on the invariable plane; None for a body without one, a particle.
         peaks: largest absolute value of each of `SERIES` so far, 0 before there are any.
-        duration: of the run, s; None where it has no end yet.
+        duration: of the run, s; None if it has no end yet.
         exponents: powers of ten that are the units of the plotted defects, as far as they are known.
         path_beside_body: whether the path is shown beside the body; lines of kilometres would cover one of metres.
         scene: what runs: its wheels and sensors have plots.
@@ -136,7 +136,7 @@ def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int], scene: Scen
 
     def defect(name: str, entity: str) -> rrb.TimeSeriesView:
         unit, exponent = DEFECTS[entity][0], exponents.get(entity)
-        # Until the first rows have come, the names of the lines alone tell the unit.
+        # Until the first rows arrive, only the names of the lines show the unit.
         scale = "" if exponent is None else f" [1e{exponent} {unit}]"
         reach = half_range(peaks, entity) / 10.0 ** (exponent or 0)
         return _plot(f"{name}{scale}", f"{entity}/scaled", half_range=reach or None)

@@ -569,7 +569,7 @@ def _close_connections(address: str) -> None:
 
 
 def _moved(address: str) -> int:
-    """Return how many bytes the server at `address` has acknowledged and sent; 0 where the system does not show it."""
+    """Return how many bytes the server at `address` has acknowledged and sent; 0 if the system does not show it."""
     total = 0
     for connection in _connections(address):
         with connection, contextlib.suppress(OSError, struct.error):

@@ -116,7 +116,7 @@ ARROWS = (MOMENTUM, RATE, FORCE, TORQUE)
 
 COMMANDS_ON_PATH = "world/path/commands"
 MARKS = 48
-"""At most so many commands are marked, evenly among all: more would hide what they mark."""
+"""Largest number of marked commands, chosen evenly among all: more would hide what they mark."""
 
 # ---- looks of the entities
 

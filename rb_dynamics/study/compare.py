@@ -57,24 +57,24 @@ def compare(
     """Return how two flights differ.
 
     Args:
-        a: a log of this package, a bag of another program, or a scene, which is flown under the commands of `b`.
-        b: likewise; None: `scene`, flown under the commands of `a`.
-        scene: body and frames for recordings without them; it is also flown where a recording has commands only, and
-            where both are one bag.
-        align: "start": both motions begin at one time; "stamp": the stamps are of one clock; seconds: B's time less
-            A's at one instant. None: the commands, if one was flown from the other; stamps, if the recordings then
-            overlap; otherwise the lag that fits best, if it is certain.
+        a: a log of this package, a bag of another program, or a scene, which is simulated under the commands of `b`.
+        b: likewise; None: `scene`, simulated under the commands of `a`.
+        scene: body and frames for recordings without them; it is also simulated if a recording has only commands, and
+            if both are one bag.
+        align: "start": both motions begin at one time; "stamp": the stamps are of one clock;
+            seconds: time of B minus time of A at one instant. None: by the commands if one was simulated under those of
+            the other, else by stamps if the recordings then overlap, else by the lag that fits best, if it is certain.
         bound: largest difference accepted in attitude (rad), position (m) and velocities (rad/s, m/s): one for all, or
             some by name, as in {"attitude": 0.01, "position": 0.05}.
-        share: least part, 0 to 1, of the longer of the two, between `start_s` and `end_s`, over which each quantity
-            that has a bound is to be compared.
+        share: least fraction of the longer recording, between `start_s` and `end_s`, over which each quantity with a
+            bound must be compared.
         start_s: compare from here on, s as in the result.
         end_s: compare up to here.
-        wrench_start: of a scene that is flown, which time of the commands is time 0; see `simulate --wrench-start`.
-        mapping: of a scene that is flown, the channel that each topic drives, if their names differ.
-        topics: which topics of bags from other programs tell of the body; found by type and name otherwise. Two, of A
-            and of B: also of logs of this package; where A and B are one bag, what another topic tells counts for
-            neither, since it would agree with itself.
+        wrench_start: for a simulated scene, which time of the commands is time 0; see `simulate --wrench-start`.
+        mapping: for a simulated scene, the channel that each topic drives, if their names differ.
+        topics: topics of the body in bags from other programs; by default found by type and name. A pair is for A and
+            for B, also for logs of this package. If A and B are one bag, other topics are used for neither, because
+            each would agree with itself.
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -92,7 +92,9 @@ def compare(
     number(share, "share", "a number from 0 to 1", least=0.0, most=1.0)
     if b is None:
         if scene is None:
-            raise LogError(f"found one flight, {a}, expected two; name another, or a scene to fly with --scene SCENE")
+            raise LogError(
+                f"found one flight, {a}, expected two; name another, or a scene to simulate with --scene SCENE"
+            )
         b = scene
     if _is_scene(a) and _is_scene(b):
         raise LogError(
@@ -132,8 +134,8 @@ class _Flights:
     """Reads two flights, and simulates one of them if it is a scene or has no motion.
 
     Attributes:
-        offset_ns: B's time less A's, known from the commands that were flown; None otherwise.
-        notes: on how the scene was flown.
+        offset_ns: time of B minus time of A, if known from the commands; None otherwise.
+        notes: on how the scene was simulated.
     """
 
     def __init__(
@@ -162,7 +164,7 @@ class _Flights:
                 _require_different(a.track, b.track)
                 return a, b
             if self._scene is not None and not a.track.own and _is_one(*self._sources):
-                # Comparing a bag with itself says nothing: the scene is to be flown.
+                # Comparing a bag with itself shows nothing: the scene has to be simulated.
                 return self._flown(self._scene, a, 0), b
             if self._scene is not None and not (_moves(a.track) and _moves(b.track)):
                 if not _moves(b.track):
@@ -197,7 +199,7 @@ class _Flights:
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 
     def _other_scene(self) -> Scene | None:
-        """Return the scene that is to be flown: it also gives body and frames of the recording."""
+        """Return the scene to simulate; it also gives body and frames of the recording."""
         return next((opened_scene(source) for source in self._sources if _is_scene(source)), None)
 
     def _flown(self, scene: Scene, other: Given, place: int) -> Given:
@@ -249,7 +251,7 @@ class _Flights:
             if topic.count and (topic.type_name in WRENCH_TYPES or topic.name.lstrip("/") in driven)
         ]
         if not commanding:
-            self.notes.append(f"{bag.path} has no commands: {scene.source} is flown without any.")
+            self.notes.append(f"{bag.path} has no commands: {scene.source} is simulated without any.")
             return None
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
         end_ns = float("inf") if scene.end_ns is None else scene.end_ns
@@ -297,8 +299,9 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     if lag.doubtful:
         offset = Decimal(lag.offset_ns) / 10**9
         raise LogError(
-            f"found no lag that is certain: {offset} s (B's time less A's) fits best, but {' and '.join(lag.doubts)}; "
-            f"say how the times belong together: --align {offset}, --align start or --align SECONDS"
+            f"found no lag that is certain: {offset} s (time of B minus that of A) fits best, but "
+            f"{' and '.join(lag.doubts)}; say how the times belong together: --align {offset}, "
+            "--align start or --align SECONDS"
         )
     apart_ns = max(begin_a, begin_b) - min(end_a, end_b)
     if apart_ns > _ONE_FLIGHT_NS:
@@ -312,7 +315,7 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
 
 
 def _flown_from(a: Track, b: Track) -> int | None:
-    """Return B's time less A's where the commands in the log of one came from the other; None otherwise."""
+    """Return the time of B minus that of A if the commands in the log of one came from the other; None otherwise."""
     for log, bag, sign in ((a, b, 1), (b, a, -1)):
         start = _recorded_start(log, bag)
         if log.own and not bag.own and start is not None:

@@ -191,7 +191,7 @@ def _groups(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _thinned(flight: Flight, log: str | os.PathLike[str]) -> Flight:
-    """Return the motion of a log at so many outputs, with velocities in world axes.
+    """Return the motion of a log at a number of outputs, with velocities in world axes.
 
     Raises:
         LogError: it has no motion.
@@ -288,9 +288,8 @@ def _steady(model: Model, z: Array) -> tuple[Array, Array]:
             return left, by
         model.turn /= 2.0
     raise SceneError(
-        f"{model.scene.source}: with the derivatives the flight comes to another motion than the run (by {off:.2g} of "
-        "it), expected the same: something acts that they do not know, or the motion is too sensitive; run a "
-        "campaign instead"
+        f"{model.scene.source}: the flight integrated with the derivatives differs from the run by {off:.2g} of it, "
+        "expected the same: the derivatives lack a load, or the motion is too sensitive; run a campaign instead"
     )
 
 

@@ -92,7 +92,7 @@ class Explanation:
         cost_per_s: computing time per simulated second of a whole run with all outputs, on this machine; without
             writing a log, and without compiling and loading kernels.
         bare_cost_per_s: the same without outputs, if only the end is needed; either is NaN where the budget allowed
-            too few steps to tell.
+            too few steps to estimate it.
         compiled: whether kernels took some of the steps.
         attitude_error: after `error_s`, rad; the difference from a run by another method, or the bound of the closed
             form; None if unknown.
@@ -197,7 +197,7 @@ def explain(
     remarks += scene_remarks(scene) + run.remarks + command_remarks(given, fastest)
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
-    # Outputs do not change the motion; without them the run gets further in the same time.
+    # Outputs do not change the motion; without them the run covers more in the same time.
     with counted_by(bare_tally):
         attitude, position, error_s, basis = _errors(without_outputs(scene), commands, bare, length, budget, stopwatch)
     if stopwatch.kernels:
@@ -271,7 +271,9 @@ def _modelled(scene: Scene) -> tuple[str, ...]:
         f"{each.topic}"
         for each in scene.actuators
     ]
-    items += [f"sensor {each.name}: {each.kind} at {each.rate:g} Hz; it changes no motion" for each in scene.sensors]
+    items += [
+        f"sensor {each.name}: {each.kind} at {each.rate:g} Hz; it does not change the motion" for each in scene.sensors
+    ]
     held = {effect.kind for effect in scene.effects if effect.takes == LoadDependence.HELD}
     items += [
         f"effect {effect.kind}: "
@@ -407,7 +409,7 @@ def _errors(
 ) -> tuple[float | None, float | None, float, str]:
     """Return the errors of attitude (rad) and position (m), the time (s) they apply to, and how they were found.
 
-    That time is `length`, or as far as another method gets within the budget; `run` is continued to it. Shorter steps
+    That time is `length`, or what another method covers within the budget; `run` is continued to it. Shorter steps
     of the same method would prove nothing: if commands bound the steps, they would be the same.
     """
     end = run.look()

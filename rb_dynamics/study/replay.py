@@ -223,7 +223,7 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
             until_ns = facts.end_ns * part // _PARTS
             while around and around[0][0] <= until_ns:
                 time_ns, take = around.popleft()
-                # What a lag lets act is told in axes that a move turns: each is to come when it came.
+                # The log gives a lagging wrench in axes that turn when the body is moved: replay it at its time.
                 run.advance(time_ns)
                 take(run)
             run.advance(until_ns)
@@ -529,7 +529,7 @@ class _Comparison:
             # A log that is still being written may have grown since its end was determined.
             messages = [each for each in waiting if self._facts.complete or each.log_time <= self._facts.end_ns]
             if messages:
-                self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay has not")
+                self._miss(topic, messages[0].log_time, f"{len(messages)} messages that the replay does not have")
         for topic, channel in self._channels.items():
             self._hold_channel(topic, self._facts.records.channels.get(topic, []), channel)
         known = (RUN, TOPICS, CHECKPOINT, *([RESULT] if self._facts.complete else []))
@@ -721,11 +721,11 @@ class _Comparison:
             return False
         topic, kind = message.channel.topic, message.channel.type_name
         if message.log_time < self._newest_ns:
-            self._miss(topic, message.log_time, f"what stands behind {self._newest_ns / 1e9:.9f} s")
+            self._miss(topic, message.log_time, f"what comes after {self._newest_ns / 1e9:.9f} s")
         self._newest_ns = max(self._newest_ns, message.log_time)
         if topic not in self._types:
             of_a_node = kind == DIAGNOSTICS or topic.endswith(LATENCY)
-            what = "messages that say how a node was" if of_a_node else "messages of a topic of no run"
+            what = "messages about the state of a node" if of_a_node else "messages of a topic of no run"
             self._leave_out(topic, what)
         elif kind != self._types[topic]:
             self._miss(topic, message.log_time, f"the type {kind}, expected {self._types[topic]}")
@@ -767,7 +767,7 @@ class _ChangesAsLogged:
         self._rows: list[Any] = list(zip(*(column.tolist() for column in columns), strict=True))
 
     def logged(self, i: int) -> tuple[int, str, bytes | None, bytes]:
-        """Return time (ns), topic, the command as it came (None for a timeout) and as it acts."""
+        """Return time (ns), topic, the command as received (None for a timeout) and as it acts."""
         time_ns, channel, row, in_world, wrench = self._rows[i]
         received = None
         if row >= 0:

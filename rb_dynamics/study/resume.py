@@ -85,30 +85,30 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
     end_ns, notes = scene.end_ns, []
     if logged is not None and not _agrees(state, logged):
         raise LogError(
-            f"{source.path}: run again, it comes to another state at {time_ns / 1e9:.9g} s than it has there, expected "
+            f"{source.path}: a repetition reaches another state at {time_ns / 1e9:.9g} s than the log has, expected "
             "the same bits: it was made on another platform or by another version; replay says what differs"
         )
     changes: dict[str, object] = {"initial": _initial(state)}
     if end_ns == time_ns:
         changes["duration"] = None
-        notes.append("the run ends there, and the scene has no duration: say with --duration S how long it goes on")
+        notes.append("the run ends there, and the scene has no duration: give its length with --duration S")
     elif end_ns is not None:
         changes["duration"] = (end_ns - time_ns) / 1e9
     elif (ended := source.metadata.get(RESULT, {}).get("end_time_ns")) is not None:
         notes.append(f"the run had no duration; it was stopped after {int(ended) / 1e9:.9g} s")
     if scene.sensors:
-        notes.append("sensors begin anew: their noise is not that of the run")
+        notes.append("sensors start anew: their noise differs from that of the run")
     try:
         return SceneAt(_text(scene, changes | {"continues": _past(scene, received, time_ns)}), tuple(notes), later)
     except SceneError:
         if not received:
             raise
     notes.append(
-        f"{len(received)} commands before it are too many for a scene: it takes the last ones along, and begins with "
-        "the state of the run and the held wrenches, but starts the method, impulses and work anew; later bits differ"
+        f"{len(received)} commands before it are too many for a scene: it keeps the last ones and starts from the "
+        "state of the run and the held wrenches; method, impulses and work start anew, so later bits differ"
     )
     if any(channel.lag for channel in scene.channels):
-        notes.append("what follows its commands with a lag does so from those that are kept")
+        notes.append("channels with a lag follow only the commands that are kept")
     past = _past(scene, received, time_ns, _newest)
     return SceneAt(_text(scene, changes | {"continues": past}), tuple(notes), bool(scene.channels))
 
@@ -229,7 +229,7 @@ def _require_possible(path: Path, scene: Scene, messages: Sequence[Message], tim
         )
     if scene.actuators:
         raise LogError(
-            f"{path} has actuators, whose commands and speeds no scene takes over, expected a body without; run "
+            f"{path} has actuators, whose commands and speeds a scene cannot contain, expected a body without; run "
             f"it from its beginning: simulate {path}"
         )
 

@@ -168,7 +168,7 @@ def _of_fit(found: Mapping[str, Any], source: str, scene: Scene) -> UncertainNum
         matrix = matrix.reshape(len(parameters), len(parameters))
     except (KeyError, TypeError, ValueError) as error:
         raise SceneError(
-            f"{source}: found no output of identify --json ({error}), expected one; make it anew"
+            f"{source}: found no output of identify --json ({error}), expected one; make it again"
         ) from error
     names = [name.replace("initial[0].", "initial.") for name, *_ in parameters]
     told = {name for name, (_, known, _) in zip(names, parameters, strict=True) if known}

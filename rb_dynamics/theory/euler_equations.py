@@ -1,9 +1,9 @@
-"""Euler's equations as functions of arrays, and the motions that they leave in closed form without elliptic functions.
+"""Euler's equations as functions of arrays, and the motions that have a closed form without elliptic functions.
 
-Torque and angular acceleration either way, in space and in the plane; a steady spin; the symmetric top. Everything is
-about the centre of mass and in body axes. Where an array has NaN or infinity, so has the result; anything that is not
-an array of real numbers of the right shape is refused. Equation numbers are those of lecture 24. Never integrates:
-`rb_dynamics.simulate` and `rb_dynamics.free_motion` do.
+Torque from angular acceleration and vice versa, in space and in the plane; steady rotation; the symmetric top.
+Everything is about the centre of mass and in body axes. NaN and infinity in an array appear in the result; anything
+that is not an array of real numbers of the right shape is refused. Equation numbers are those of lecture 24. These
+functions never integrate: `rb_dynamics.simulate` and `rb_dynamics.free_motion` do.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 Array = npt.NDArray[np.float64]
 
 STEADY = 1e-12
-"""A spin is steady where Euler's equations change it by at most this times |w|^2 (rad/s^2)."""
+"""A rotation is steady if its angular acceleration is at most this times |w|^2 (rad/s^2)."""
 
 
 def angular_momentum(body: RigidBody, angular_velocity_body: npt.ArrayLike) -> Array:
@@ -57,10 +57,10 @@ def euler_equations(body: RigidBody, angular_velocity_body: npt.ArrayLike, torqu
 
 
 def moments_of(body: RigidBody) -> Vector:
-    """Return the principal moments of a body that can turn, kg m^2.
+    """Return the principal moments, kg m^2.
 
     Raises:
-        BodyError: the body is a particle, without moments.
+        BodyError: the body is a particle, which has none.
     """
     if require_body(body).principal_moments == ZERO:
         raise BodyError("the body is a particle, without inertia, expected one that can turn; give it a body.inertia")
@@ -89,8 +89,8 @@ def require_state(state: State) -> State:
     """Return `state`, with its angular velocity and attitude finite.
 
     Raises:
-        TypeError: it is no `State`, or has parts that are not numbers.
-        BodyError: a number is not finite, or the quaternion not of norm 1.
+        TypeError: it is not a `State`, or has parts that are not numbers.
+        BodyError: a number is not finite, or the norm of the quaternion is not 1.
     """
     try:
         return instance(state, State, "state", "write State(...)").checked("state")
@@ -101,8 +101,8 @@ def require_state(state: State) -> State:
 def planar_torque(body: RigidBody, axis: Vector, angular_acceleration: npt.ArrayLike) -> Array:
     """Return N = I_n dw/dt, N m: the torque about a fixed `axis` (body axes) for accelerations (...) in rad/s^2.
 
-    Newton's law in the plane (page 3), with I_n of eq. 12. About a principal axis this is all the torque there is; to
-    hold any other axis the bearings have to give more, across it.
+    Newton's law in the plane (page 3), with I_n of eq. 12. About a principal axis this is the whole torque; to hold any
+    other axis fixed, the bearings have to add a torque perpendicular to it.
 
     Raises:
         BodyError: the axis has no direction.
@@ -114,16 +114,16 @@ def planar_acceleration(body: RigidBody, axis: Vector, torque: npt.ArrayLike) ->
     """Return dw/dt = N / I_n, rad/s^2, of torques (...) in N m about a fixed `axis`; see `planar_torque`.
 
     Raises:
-        BodyError: the axis has no direction, or the body is a particle.
+        BodyError: the axis is zero, or the body is a particle.
     """
     moments_of(body)
     return as_array(torque, "torque", "numbers (N m)") / scalar_inertia(body, axis)
 
 
 def rate_in_fixed_axes(vector: npt.ArrayLike, rate: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Array:
-    """Return dv/dt + w x v: the rate in fixed axes that coincide with turning ones, of vectors (..., 3).
+    """Return dv/dt + w x v: the rate of vectors (..., 3) in fixed axes that coincide with the turning ones.
 
-    `rate` is dv/dt as seen in the turning axes. Of v = L it gives eq. 3; of v = w nothing is added (page 32).
+    `rate` is dv/dt as seen in the turning axes. For v = L this is eq. 3; for v = w nothing is added (page 32).
     """
     turning: Array = np.cross(vectors(angular_velocity, "angular_velocity"), vectors(vector, "vector"))
     return vectors(rate, "rate") + turning
@@ -132,7 +132,7 @@ def rate_in_fixed_axes(vector: npt.ArrayLike, rate: npt.ArrayLike, angular_veloc
 def inertia_rate(inertia: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Array:
     """Return dI/dt = [w]x I - I [w]x, kg m^2/s, in fixed axes, of a matrix (..., 3, 3) that turns with the body.
 
-    The second term of eq. 2; times w it is that of eq. 3, because [w]x w = 0. `inertia` and `angular_velocity`
+    This is the second term of eq. 2; times w it is that of eq. 3, because [w]x w = 0. `inertia` and `angular_velocity`
     (..., 3), rad/s, are in the same axes.
     """
     # Row j is w x I_j, column j of [w]x I; as I is symmetric, -I [w]x is the transpose.
@@ -146,7 +146,7 @@ def inertia_rate(inertia: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> Arr
 
 @dataclass(frozen=True)
 class RotationHistory:
-    """A rotation at the times asked for; the leading axes are those of the times.
+    """A rotation at the requested times; the leading dimensions of the arrays are those of the times.
 
     Attributes:
         orientation_xyzw: (..., 4), body to world.
@@ -158,13 +158,13 @@ class RotationHistory:
 
 
 def steady_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> RotationHistory:
-    """Return the free rotation from `state`, where w stays what it is: R(t) = R(0) exp(t w), at times `t` (s).
+    """Return the free rotation from `state` with constant w: R(t) = R(0) exp(t w), at times `t` (s).
 
-    Page 33: w along a principal axis, or I1 = I2 = I3. `t` is a number or an array of any shape and sign. What departs
-    from steadiness within `STEADY` is left out; about the middle axis it would grow.
+    Page 33: w along a principal axis, or I1 = I2 = I3. `t` is a number or an array of any shape and sign. A deviation
+    from a steady rotation within `STEADY` is ignored; about the middle axis it would grow.
 
     Raises:
-        BodyError: the spin is not steady.
+        BodyError: the rotation is not steady.
         ConvergenceError: a time, or the angle turned until then, is not finite.
     """
     omega = require_state(state).angular_velocity_body
@@ -179,13 +179,13 @@ def steady_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> Rotation
 
 @dataclass(frozen=True)
 class SymmetricTop:
-    """How a body with I1 = I2 != I3 moves without torque: its axis goes round L, and w round both.
+    """Torque-free motion of a body with I1 = I2 != I3: its axis precesses about L, and w circles both.
 
     Attributes:
         axis_body: unit vector along the axis of symmetry, on the side of w, body axes.
         spin: w3, component of w along it, at least 0, rad/s.
-        body_rate: (I3 - I1) / I1 w3, rad/s: w goes round the axis in body axes, right-handed where positive.
-        space_rate: |L| / I1, rad/s: axis and w go round L in world axes.
+        body_rate: (I3 - I1) / I1 w3, rad/s, of w about the axis in body axes; right-handed if positive.
+        space_rate: |L| / I1, rad/s, of axis and w about L in world axes.
         body_cone: half angle between w and the axis, rad.
         space_cone: half angle between w and L, rad.
         nutation: angle between the axis and L, rad.
@@ -208,7 +208,7 @@ def symmetric_top(body: RigidBody, angular_velocity_body: Vector) -> SymmetricTo
     are replaced by their mean.
 
     Raises:
-        BodyError: the body has three different moments, or three equal ones and so no axis.
+        BodyError: the body has three different moments, or three equal ones and therefore no axis.
     """
     axis, across, along = _axis_of_symmetry(body)
     spinning = vector(angular_velocity_body, "angular_velocity_body", "an angular velocity (rad/s)", BodyError)
@@ -231,7 +231,7 @@ def symmetric_top(body: RigidBody, angular_velocity_body: Vector) -> SymmetricTo
 def symmetric_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> RotationHistory:
     """Return the free rotation of a symmetric `body` from `state`: R(t) = R(0) exp(t L / I1) exp(-t body_rate axis).
 
-    `t` (s) is a number or an array of any shape and sign. See `symmetric_top`; where two moments are equal only within
+    `t` (s) is a number or an array of any shape and sign. See `symmetric_top`; if two moments are equal only within
     `doctor.SAME_MOMENT`, the attitude is off by up to that times |w| t.
 
     Raises:
@@ -276,10 +276,10 @@ def _history(t: npt.ArrayLike, rate: float, at: Callable[[float], tuple[Quaterni
 
 
 def _transport(moments: Vector, omega: Array) -> Array:
-    """Return w x I w in principal axes by differences of moments, which vanish exactly where moments are equal.
+    """Return w x I w in principal axes, from differences of moments, which vanish exactly if moments are equal.
 
-    What the turning of the axes adds to the rate of I w (eq. 3); the gyroscopic torque of `motion/rk4.py` is its
-    opposite.
+    This is what the turning of the axes adds to the rate of I w (eq. 3), the negative of the gyroscopic torque of
+    `motion/rk4.py`.
     """
     (i1, i2, i3), (w1, w2, w3) = moments, np.moveaxis(omega, -1, 0)
     return np.stack([(i3 - i2) * w2 * w3, (i1 - i3) * w3 * w1, (i2 - i1) * w1 * w2], axis=-1)

@@ -36,7 +36,7 @@ from rb_dynamics.theory.euler_equations import angular_momentum, euler_equations
 
 Array = npt.NDArray[np.float64]
 
-# On the separatrix the curve never ends: it is drawn to within e^-20 of the middle axis.
+# On the separatrix the curve never ends: it is computed to within e^-20 of the middle axis.
 _SEPARATRIX_SPAN = 20.0
 
 # Central differences of order 8 (Fornberg, Math. Comp. 51 (1988) 699, table 1). Free motion has no rate far above |w|,
@@ -46,7 +46,7 @@ _STENCIL_STEP = 0.02
 
 
 class PolhodeKind(str, Enum):
-    """Where the polhode runs: about the axis of the least or of the greatest moment, between them, or it is a point."""
+    """Kind of polhode: about the axis of the smallest or of the largest moment, on the separatrix, or a point."""
 
     ABOUT_LEAST = "about the axis of the least moment"
     ABOUT_GREATEST = "about the axis of the greatest moment"
@@ -81,7 +81,7 @@ def invariable_plane(body: RigidBody, state: State) -> InvariablePlane:
     momentum = angular_momentum(body, scale(1.0 / invariants.rate, state.angular_velocity_body))
     x, y, z = unit(rotate(attitude, (float(momentum[0]), float(momentum[1]), float(momentum[2]))))
     normal: Vector = (x, y, z)
-    # Of the world axes, the one farthest from the normal: the plane's axes do not depend on the spin's phase.
+    # The world axis farthest from the normal, so that the axes of the plane do not depend on the phase of the motion.
     far = min(range(3), key=lambda k: abs(normal[k]))
     first = unit(cross(cross(normal, (float(far == 0), float(far == 1), float(far == 2))), normal))
     return InvariablePlane(
@@ -106,7 +106,7 @@ class Polhode:
     """The curve of the angular velocity on the ellipsoid.
 
     Attributes:
-        kind: where it runs.
+        kind: see `PolhodeKind`.
         period: of the angular velocity in the body, s; infinite on the separatrix, 0 for a point.
         time_s: (n,), from the state on; over one period by default, so that the last point is the first.
         angular_velocity_principal: (n, 3), principal axes, rad/s.
@@ -123,7 +123,7 @@ class Polhode:
 def polhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike | None = None) -> Polhode:
     """Return the polhode through `state` at `n` points, or at `times` (s, from there, of any sign, one axis).
 
-    Without `times` it is followed over one period; on the separatrix 20 growth times of the middle axis either way.
+    Without `times` it covers one period; on the separatrix, 20 growth times of the middle axis in both directions.
 
     Raises:
         BodyError: the body is at rest or a particle, or its angular velocity is not finite.
@@ -146,8 +146,7 @@ class Herpolhode:
         period: of its distance from L and of the polhode, s; infinite on the separatrix, 0 for a point.
         inner_radius: least distance from L, rad/s; 0 on the separatrix.
         outer_radius: largest distance from L, rad/s.
-        advance: angle by which it goes round L in one period, rad: more than 2 pi is more than once. Infinite on the
-            separatrix, 0 for a point.
+        advance: angle about L in one period, rad; may be more than 2 pi. Infinite on the separatrix, 0 for a point.
         time_s: (n,), from the state on.
         angular_velocity_world: (n, 3), world axes, rad/s.
         points: (n, 2), the same along `InvariablePlane.axes_world`, rad/s.
@@ -192,14 +191,14 @@ def herpolhode(body: RigidBody, state: State, n: int = 361, times: npt.ArrayLike
 
 @dataclass(frozen=True)
 class Rolling:
-    """How far the motion is from rolling without slipping, at each time; all 0 but for rounding.
+    """Deviation of the motion from rolling without slipping, at each time; all 0 except for rounding errors.
 
     Attributes:
-        plane_distance: |n . w - rho| / rho (eq. 29): the plane stays where it is.
+        plane_distance: |n . w - rho| / rho (eq. 29): the plane does not move.
         normal: |N / |N| - n| with N the gradient of w . I w / 2 at w, in world axes (eqs. 27 and 28): the ellipsoid
             touches the plane at w.
-        slip: |(dw/dt)_world - (dw/dt)_body| / |w|^2: both curves pass the point of contact with one velocity. In world
-            axes by differences of the motion, in body axes by Euler's equations.
+        slip: |(dw/dt)_world - (dw/dt)_body| / |w|^2: the point of contact moves equally along both curves. In world
+            axes by finite differences of the motion, in body axes by Euler's equations.
     """
 
     plane_distance: Array
@@ -208,10 +207,10 @@ class Rolling:
 
 
 def rolling(body: RigidBody, state: State, times: npt.ArrayLike) -> Rolling:
-    """Return what is left of Poinsot's theorem in the computed motion at `times` (s, of any shape).
+    """Return the residuals of Poinsot's theorem in the computed motion at `times` (s, of any shape).
 
-    The point of the ellipsoid at w is on the axis of rotation, hence at rest; what has to be checked is that the point
-    of contact moves alike on both surfaces.
+    The point of the ellipsoid at w is on the axis of rotation, hence at rest. What has to be checked is that the point
+    of contact moves equally on both surfaces.
 
     Raises:
         BodyError: the body is at rest or a particle, or its angular velocity is not finite.
@@ -236,7 +235,7 @@ def rolling(body: RigidBody, state: State, times: npt.ArrayLike) -> Rolling:
 
 
 class Stability(str, Enum):
-    """What becomes of a small deviation from a spin about an axis: it oscillates, drifts or grows."""
+    """Behaviour of a small deviation from a spin about an axis: it oscillates, drifts or grows."""
 
     STABLE = "stable"
     NEUTRAL = "neutral"
@@ -250,9 +249,9 @@ class AxisStability:
     Attributes:
         axis_body: unit vector, body axes.
         moment: kg m^2.
-        stability: neutral where the moment equals another one, but for the axis of a symmetric body.
-        growth_rate: 1/s, of a deviation as e^(rate t); 0 where it does not grow.
-        oscillation_rate: rad/s, of a deviation in body axes; 0 where it does not oscillate.
+        stability: neutral if the moment equals another one, except for the axis of a symmetric body.
+        growth_rate: 1/s, of a deviation as e^(rate t); 0 if it does not grow.
+        oscillation_rate: rad/s, of a deviation in body axes; 0 if it does not oscillate.
     """
 
     axis_body: Vector
@@ -296,7 +295,7 @@ def _times(times: npt.ArrayLike) -> Array:
 
 
 class _Invariants:
-    """Energy and momentum of the rotation in rational numbers of the given floats: nothing cancels.
+    """Energy and momentum of the rotation as rational numbers, computed from the given floats without rounding.
 
     Attributes:
         spin: angular velocity in principal axes, rad/s.
@@ -305,7 +304,7 @@ class _Invariants:
         twice_energy: 2 T = w . I w.
         squared_momentum: L^2.
         squared_distance: of the invariable plane, (2 T)^2 / L^2.
-        tumble: the elliptic motion; None where w stays what it is.
+        tumble: the elliptic motion; None if w is constant.
     """
 
     def __init__(self, body: RigidBody, state: State) -> None:
@@ -322,7 +321,7 @@ class _Invariants:
         self.twice_energy = i[0] * w[0] ** 2 + i[1] * w[1] ** 2 + i[2] * w[2] ** 2
         self.squared_momentum = (i[0] * w[0]) ** 2 + (i[1] * w[1]) ** 2 + (i[2] * w[2]) ** 2
         self.squared_distance = self.twice_energy**2 / self.squared_momentum
-        # Of a point of contact that does not move.
+        # For a point of contact that does not move.
         self._squared_radius = w[0] ** 2 + w[1] ** 2 + w[2] ** 2 - self.squared_distance
         steady = all((i[k - 1] - i[k - 2]) * w[k - 1] * w[k - 2] == 0 for k in range(3))
         self.tumble = None if steady else _tumble(i, self.twice_energy, self.squared_momentum)
@@ -365,7 +364,7 @@ class _Invariants:
         return precession * (self.period + 4.0 * float((b - a) / a) / rate * third_kind)
 
     def times(self, n: int) -> Array:
-        """Return the times (s) at which the curves are drawn unless others are asked for."""
+        """Return the default times (s) of the curves."""
         times: Array
         n = whole_number(n, "n", "write how many points to return")
         if n < 0:
@@ -382,7 +381,7 @@ class _Tumble(NamedTuple):
 
     Attributes:
         a, b, c: moments.
-        m1: complementary parameter; 0 on the separatrix, or so near that double precision cannot tell.
+        m1: complementary parameter; 0 on the separatrix, or too near for double precision to distinguish.
         rate: |du/dt|, rad/s.
     """
 
@@ -406,7 +405,7 @@ def _tumble(moments: list[Fraction], twice_energy: Fraction, squared_momentum: F
 
 
 def _sqrt(x: Fraction) -> float:
-    """Return the root of x >= 0 to the last digit, also where x itself is beyond the range of double precision."""
+    """Return the square root of x >= 0 to the last digit, even if x itself is beyond the range of double precision."""
     half = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
     return math.ldexp(math.sqrt(x / Fraction(4) ** half), half)
 

@@ -20,14 +20,14 @@ from rb_dynamics.numerics.vector import Vector
 Array = NDArray[np.float64]
 
 LARGEST_CHORD = 0.5
-"""Largest rotation (rad) between two points for which a chord is a fair picture of the curve."""
+"""Largest rotation (rad) between two points for which a straight line may stand for the curve."""
 
 DISC = 1.15
-"""Radius of the disc of the plane that pictures show."""
+"""Radius of the disc that represents the plane in pictures."""
 
 
 class Contact(NamedTuple):
-    """Points of contact, one row for each instant; NaN while the body does not turn.
+    """Points of contact, one row per time; NaN while the body does not turn.
 
     Attributes:
         body: point of contact, body axes.

@@ -359,7 +359,7 @@ class TestFiles:
         (tmp_path / "a.stl").mkdir()
         cases = {
             "part.step": "ends in .stl, .obj, .ply",
-            str(tmp_path / "a.stl"): "no plain file",
+            str(tmp_path / "a.stl"): "not a regular file",
             str(tmp_path / "none.stl"): "No such file",
             "https://example.org/part.stl": "URLs",
             "package://robot/part.stl": "URLs",

@@ -93,7 +93,7 @@ class TestTriangle:
 
         assert finding.name == "triangle"
         assert "1 + 2 = 3" in finding.seen
-        assert "all is well" in finding.remedy
+        assert "right for a plate" in finding.remedy
 
     def test_limit_is_a_thickness_of_a_thousandth(self) -> None:
         assert names(box((1.0, 1.0, 2e-3)).body(1.0)) == []
@@ -241,7 +241,7 @@ class TestComparison:
     def test_what_no_slip_explains(self) -> None:
         (finding,) = self.found(np.diag([10.0, 11.0, 12.0]).tolist())
 
-        assert (finding.name, finding.why) == ("mesh", "no usual slip explains it")
+        assert (finding.name, finding.why) == ("mesh", "no common mistake explains it")
 
     def test_mass_and_place(self) -> None:
         body = RigidBody.from_matrix(1e-3, common_mistakes.scaled(slanted().inertia, 1e-3 / MASS), (0.0, 0.0, 5.0))
@@ -257,7 +257,7 @@ def test_a_finding_reads_as_a_sentence() -> None:
 
 @pytest.mark.parametrize(
     ("moments", "words"),
-    [((298e3, 293e3, 310e3), "thinner than any structure"), ((2.98e-7, 2.93e-7, 3.1e-7), "heavier than osmium")],
+    [((298e3, 293e3, 310e3), "less dense than any structure"), ((2.98e-7, 2.93e-7, 3.1e-7), "heavier than osmium")],
 )
 def test_a_unit_that_cannot_be_meant_is_named(moments: tuple[float, float, float], words: str) -> None:
     """16.8 kg with moments in kg mm^2, and in units of a thousand kg m^2."""

@@ -298,7 +298,11 @@ def test_size_is_bounded_and_pipes_are_not_opened(tmp_path: Path) -> None:
         file.truncate(urdf.MAX_BYTES + 1)
     os.mkfifo(tmp_path / "pipe.urdf")
 
-    for name, says in (("r.urdf", "more than 4 MiB"), ("pipe.urdf", "no plain file"), ("none.urdf", "No such file")):
+    for name, says in (
+        ("r.urdf", "more than 4 MiB"),
+        ("pipe.urdf", "not a regular file"),
+        ("none.urdf", "No such file"),
+    ):
         with pytest.raises(BodyError, match=says):
             urdf.read_urdf(tmp_path / name, "arm")
 

@@ -143,5 +143,5 @@ def test_a_load_that_jumps_where_it_has_no_knot_is_told_so() -> None:
     """A look at the size of the wrench, as was advised, leads nowhere."""
     jumps = Own(lambda point: (ZERO, (0.0, 0.5 if point.time > 0.028 else 0.0, 0.0)))
     spins = replace(SCENE.initial, angular_velocity_body=(0.1, 1.0, 0.1))
-    with pytest.raises(ConvergenceError, match=r"jumps.*, whose effect should name the time in its knots"):
+    with pytest.raises(ConvergenceError, match=r"discontinuous.*, and its effect should name the time in knots"):
         simulate(replace(SCENE, initial=spins, effects=(jumps,), solver=Solver("dop853", accuracy=1e-12)))

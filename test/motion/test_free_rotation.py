@@ -137,7 +137,7 @@ def test_a_time_without_an_answer_is_refused(t: float) -> None:
 
 
 def test_a_position_beyond_the_range_of_numbers_is_refused() -> None:
-    with pytest.raises(ConvergenceError, match="position is no finite number"):
+    with pytest.raises(ConvergenceError, match="position is not a finite number"):
         free_motion(RigidBody.particle(1.0), State(linear_velocity_world=(1e200, 0.0, 0.0)), [1.0, 1e200])
 
 

@@ -457,7 +457,7 @@ class TestLimits:
             except ConvergenceError as error:
                 message = str(error)
             told = re.fullmatch(
-                r"midpoint: the load .* do not come to agree .* expected less than .*; use a step below (\S+) s",
+                r"midpoint: the iteration .* does not converge .* expected less than .*; use a step below (\S+) s",
                 message,
             )
             assert told, message

@@ -32,19 +32,19 @@ def test_a_multiple_is_rounded_to_even_from_all_digits() -> None:
 @pytest.mark.parametrize("text", NONE)
 def test_nothing_else_is_a_number(read: Callable[[str], object], text: str) -> None:
     assert not is_decimal(text)
-    with pytest.raises(ValueError, match="is no number"):
+    with pytest.raises(ValueError, match="is not a number"):
         read(text)
 
 
 def test_what_is_not_finite_is_real_only() -> None:
     assert [real_number(text) for text in ("inf", "-Infinity", "1e400")] == [float("inf"), -float("inf"), float("inf")]
     assert real_number("NaN") != real_number("NaN")
-    with pytest.raises(ValueError, match="is no number"):
+    with pytest.raises(ValueError, match="is not a number"):
         rounded_multiple("inf", 1)
 
 
 def test_a_whole_number_has_no_more_digits_than_one_reads_at_once() -> None:
     assert whole_number("-0042") == -42
     for text in ("1.0", "1e3", "9" * 301):
-        with pytest.raises(ValueError, match="is no number"):
+        with pytest.raises(ValueError, match="is not a number"):
             whole_number(text)

@@ -25,7 +25,7 @@ def test_page_shows_motion_residuals_and_errors() -> None:
     page = sections(found)
     table = page["Parameters"].table
 
-    assert [tile.value for tile in page["At a glance"].tiles if "moment" in tile.label] != ["not told"] * 3
+    assert [tile.value for tile in page["At a glance"].tiles if "moment" in tile.label] != ["not determined"] * 3
     assert table is not None
     assert [row[0] for row in table.rows] == [each.name for each in found.parameters]
     assert len(page["Ellipses of errors"].figures) == len(page["Ellipsoid of inertia"].figures) == 1
@@ -45,7 +45,7 @@ def test_page_of_a_cube_says_what_is_not_told() -> None:
     page = sections(found)
 
     assert np.isnan(found.covariance).all()
-    assert {tile.value for tile in page["At a glance"].tiles if "moment" in tile.label} == {"not told"}
-    assert "shape of the inertia is not told" in page["Ellipsoid of inertia"].text
-    assert "Not told by these recordings" in page["What these recordings do not tell"].text
+    assert {tile.value for tile in page["At a glance"].tiles if "moment" in tile.label} == {"not determined"}
+    assert "do not determine the shape of the inertia" in page["Ellipsoid of inertia"].text
+    assert "Not determined by these recordings" in page["What these recordings do not determine"].text
     assert "Ellipses of errors" not in page

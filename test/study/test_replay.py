@@ -374,7 +374,7 @@ def full(tmp_path: Path) -> Path:
 def test_one_bit_of_any_topic_is_seen(tmp_path: Path, full: Path) -> None:
     found = replay(full)
     assert found.identical
-    assert found.uncompared == {("/diagnostics", "messages that say how a node was"): 1}
+    assert found.uncompared == {("/diagnostics", "messages about the state of a node"): 1}
     topics = (
         {channel.topic for channel in open_source(full).channels.values()} if list(McapFile(full).messages()) else {}
     )

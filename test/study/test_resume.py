@@ -190,7 +190,7 @@ def test_another_body_begins_anew_from_that_state_and_that_is_said(
         scene = rb.parse_scene(text, overrides={"body.mass": 5.0})
         memory = rb.MemorySink()
         heavier = rb.simulate(scene, sinks=[memory])
-    assert "begins anew" in caplog.text
+    assert "starts anew" in caplog.text
     there = zip(memory.samples[0].orientation_xyzw, scene.initial.orientation_xyzw, strict=True)
     assert max(abs(a - b) for a, b in there) < 1e-15
     # The force that was held goes on: p = m v + F t.

@@ -64,7 +64,7 @@ class Fit(NamedTuple):
         left: (n,), residuals over noise.
         starts: fits that were tried.
         agreeing: how many of them found the best minimum.
-        converged: whether the best came to rest.
+        converged: whether the best one converged.
     """
 
     z: Array
@@ -130,7 +130,7 @@ def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converge
     """Return the fit near parameters, with the noise of each sensor and the steps that it takes.
 
     Raises:
-        LogError: the motion runs away.
+        LogError: the motion diverges.
     """
     predicted = _of_a_motion(model, z, noise)
     for _ in range(6):
@@ -226,7 +226,7 @@ def _starts(model: Model, count: int, noise: dict[Key, float], until: Sequence[i
 
 
 def _misfit(model: Model, z: Array, noise: dict[Key, float], until: Sequence[int] | None) -> float:
-    """Return the sum of squares that parameters leave; infinite where the motion runs away."""
+    """Return the sum of squares that parameters leave; infinite if the motion diverges."""
     left, _ = stacked(list(model.predict(z, until, derivatives=False)), noise)
     return float(left @ left) if sane(left) else np.inf
 
@@ -288,7 +288,7 @@ def _against_plausible(
     samples = 0
     for block in model.blocks(z, until):
         left, by = stacked(block, noise)
-        # Where the motion runs away its numbers do too, and their squares are not finite.
+        # If the motion diverges, the squares of its numbers are not finite.
         if not sane(left, by):
             left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
             by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
@@ -332,7 +332,7 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
     """Return what the streams should have measured.
 
     Raises:
-        LogError: the motion has run away.
+        LogError: the motion has diverged.
     """
     predicted = list(model.predict(z))
     if not all(sane(each.left, each.by, unit=noise[each.key]) for each in predicted):
@@ -345,7 +345,7 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 
 
 def sane(*parts: Array, unit: float = 1.0) -> bool:
-    """Return whether residuals and derivatives, in units of the noise, are numbers and have not run away."""
+    """Return whether residuals and derivatives, in units of the noise, are finite and have not diverged."""
     largest = (max(float(each.max(initial=0.0)), -float(each.min(initial=0.0))) for each in parts)
     return all(each < _RUNAWAY * unit for each in largest)
 

@@ -140,7 +140,7 @@ class Flight:
         if turn > far:
             raise LogError(
                 f"{self.name}: {found}, expected at most {far:.3g} rad; in between it may have turned any number of "
-                "times, so that its motion cannot be told: check that times are in seconds, or the time_ms, time_us or "
+                "times, so its motion is ambiguous: check that times are in seconds, or the time_ms, time_us or "
                 f"time_ns that they are called, and rates in rad/s; or record {often} times as often"
             )
 

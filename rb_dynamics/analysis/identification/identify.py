@@ -41,7 +41,7 @@ GROUPS = (
     "mass", "center_of_mass", "inertia", "inertia_ratios", "initial", "gyro_bias", "gyro_scale", "gyro_alignment",
     "accelerometer", "delay", "wrench_scale",
 )  # fmt: skip
-"""What can be fitted, beside every number of an effect by its dotted key."""
+"""What can be fitted, in addition to every number of an effect by its dotted key."""
 
 STARTS = 4
 """Starts of a fit: the body of the scene, and others."""
@@ -73,8 +73,8 @@ class Parameter:
     Attributes:
         name: as in `inertia.xx`.
         value: in SI units; that of the scene where it is not known.
-        standard_error: None where it is not known.
-        interval: which holds the true value in 95 of 100 recordings; None where it is not known.
+        standard_error: None if it is not known.
+        interval: which holds the true value in 95 of 100 recordings; None if it is not known.
         unit: of the value; "" for a ratio.
         known: whether the recordings determine it.
         asked: whether it was asked for by name.
@@ -101,10 +101,10 @@ class Identification:
         scene: with that body, the effects and the start of the first recording: it runs.
         residuals: what is left, by topic and kind.
         unknown_combinations: directions that are not determined, as text.
-        advice: what recording would tell them.
+        advice: which recording would determine them.
         starts: fits that were tried.
         agreeing: how many of them found the same best one.
-        converged: whether that came to rest.
+        converged: whether that fit converged.
         principal_errors: standard errors of the principal moments, ascending; infinite where not known.
         notes: on how the recordings were read, and what bears on the errors.
         predicted: residuals over time.
@@ -132,7 +132,7 @@ class Identification:
 
     @property
     def explained(self) -> bool:
-        """Whether the model explains the recordings, but for noise; if not, errors may be larger than stated."""
+        """Whether the model explains the recordings up to noise; if not, errors may be larger than stated."""
         return all(each.explained for each in self.residuals)
 
     @property
@@ -161,7 +161,7 @@ class Identification:
             + (
                 "intervals are doubled, and hold if what is missing is no larger where it does not show"
                 if each.follows
-                else "nothing is told by such a fit: look for a torque, a sensor or a body far from that of the scene"
+                else "such a fit determines nothing: look for a torque, a sensor or a body far from that of the scene"
             )
             for each in self.residuals
             if not each.explained
@@ -174,7 +174,7 @@ class Identification:
 
     @property
     def passed(self) -> bool:
-        """Whether the fit came to rest, everything that was asked for is known, and what was held out is predicted.
+        """Whether the fit converged, everything that was asked for is known, and what was held out is predicted.
 
         Without names, anything at all is to be known. A fit that does not follow its recording determines nothing.
         """
@@ -269,7 +269,7 @@ def identify(
         loss: of residuals: "linear", or one of scipy's that outliers hardly change.
         starts: number of starts.
         seed: of their choice.
-        progress: is told how much is done, 0 to 1.
+        progress: called with the fraction done, 0 to 1.
 
     Raises:
         SceneError: the scene is not valid, has an effect that is not modelled, or `fit` names what there is not.
@@ -340,10 +340,10 @@ def _of_parts(part: Sequence[Omission]) -> list[str]:
     """Return a remark on loads that explain only a part of the residuals."""
     return [
         f"{each.what} of about ({', '.join(f'{v:.3g}' for v in each.value)}) {each.unit}".rstrip()
-        + " that nobody told of would explain a part of the residuals, not all"
+        + " that is not in the scene would explain a part of the residuals, not all"
         + (
-            f", and move numbers of the body by up to {each.shift:.2g} standard errors: intervals are so wide that "
-            "they hold that, too"
+            f", and would move numbers of the body by up to {each.shift:.2g} standard errors; the intervals are "
+            "widened to include that"
             if np.isfinite(each.shift)
             else ""
         )
@@ -361,14 +361,14 @@ def _of_omissions(found: Sequence[Omission]) -> list[str]:
             remedy = f"effects: [{json.dumps(each.entry)}] in the scene and its numbers in --fit"
         notes.append(
             f"{each.what} of ({values}) ± ({errors}) {each.unit}".rstrip()
-            + f" that nobody told of explains the residuals: it is fitted, too, as {', '.join(each.names)}. Without it "
+            + f" that is not in the scene explains the residuals: it is fitted, too, as {', '.join(each.names)}. "
             + (
-                f"numbers of the body would be up to {each.shift:.2g} standard errors elsewhere. "
+                f"Without it numbers of the body would be up to {each.shift:.2g} standard errors off. "
                 if np.isfinite(each.shift)
-                else "nothing would be known of the body. "
+                else "Without it nothing would be known of the body. "
             )
-            + "It may be something else that looks like it, so that all intervals are doubled; if you know that it is "
-            f"there, write {remedy}"
+            + "Another cause may look the same, so all intervals are doubled; if you know that it "
+            f"acts, write {remedy}"
         )
     return notes
 
@@ -660,21 +660,20 @@ class _Report:
         found = []
         if "mass" in unknown:
             found.append(
-                "mass: record position or velocity while a known force acts; gravity alone does not tell it, and nor "
-                "does rotation"
+                "mass: record position or velocity while a known force acts; neither gravity nor does rotation"
             )
         if "center_of_mass" in unknown:
             found.append("center_of_mass: record the position of the body origin while the body turns about two axes")
         if "inertia" in unknown:
             if all(p.known for p in ratios):
                 found.append(
-                    "inertia: the motion tells ratios only; record a flight in which a known torque acts, or a rotor "
-                    "of known momentum turns"
+                    "inertia: the motion determines only ratios; record a flight in which a known torque acts, or a "
+                    "rotor of known momentum turns"
                 )
             else:
                 found.append(f"inertia: {self._axis_to_excite()}")
         if "initial" in unknown:
-            found.append("initial: record a pose; rates alone do not tell where the body is and how it is turned")
+            found.append("initial: record a pose; rates alone determine neither position nor attitude")
         return found
 
     def _axis_to_excite(self) -> str:

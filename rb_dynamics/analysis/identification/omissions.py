@@ -37,7 +37,7 @@ CHANCE = 0.005
 """Of a flight of which the scene says everything, the chance that a load is found in it."""
 
 TOLD = 0.3
-"""A direction is told if its standard error is at most this part of what is plausible."""
+"""A direction counts as determined if its standard error is at most this fraction of what is plausible."""
 
 # Standard errors by which a drag may be negative.
 _PUSHED = 3.0
@@ -246,7 +246,7 @@ def _fitted_with(model: Model, fit: Fit, trial: Trial, loss: str) -> tuple[Trial
 
 
 def _chance(value: Array, covariance: Array, freedom: float, tried: int) -> float:
-    """Return the chance of a value this far from zero, in one of so many that were tried."""
+    """Return the chance that one of the tested candidates is this far from zero."""
     from scipy.special import fdtrc
 
     statistic = float(value @ np.linalg.solve(covariance, value)) / len(value)
@@ -288,7 +288,7 @@ def _has_axes(model: Model) -> bool:
 
 
 def _with_loads(model: Model, loads: Sequence[Candidate], z: Array) -> tuple[Model, list[str]]:
-    """Return the model with loads, zero where the scene has none, and their keys."""
+    """Return the model with loads, zero if the scene has none, and their keys."""
     scene, keys = model.scene, []
     for each in loads:
         if not each.kind:

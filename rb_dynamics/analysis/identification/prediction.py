@@ -464,7 +464,7 @@ class Model:
             state, columns = seen.states[-1].copy(), seen.columns[-1].copy()
             seen = _Seen(*(part[going_on:] for part in seen))
             for part in seen:
-                # Numbers of a motion that runs away are not computed with: their products are none.
+                # Do not compute with numbers of a diverging motion: their products are not finite.
                 if not (part.max(initial=0.0) < _LOST and part.min(initial=0.0) > -_LOST):
                     part[~(np.abs(part) < _LOST)] = np.nan
             if late >= 0:

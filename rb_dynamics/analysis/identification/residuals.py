@@ -49,7 +49,7 @@ class Residuals:
 
     @property
     def explained(self) -> bool:
-        """Whether the model explains them, but for noise."""
+        """Whether the model explains them up to noise."""
         return self.times_noise <= _EXPLAINED
 
     @property

@@ -1,13 +1,13 @@
-"""Compare two flights: logs of this package, bags of other programs, or a scene flown under the commands of a bag.
+"""Compare two flights: logs of this package, bags of other programs, or a scene simulated under the commands of a bag.
 
   compare A.mcap B.mcap              two recordings
   compare BAG BAG --pose-topic /odom --pose-topic /mocap   two topics of one bag
-  compare SCENE.yaml BAG             the scene, flown under the commands of BAG, against the motion in BAG
+  compare SCENE.yaml BAG             the scene, simulated under the commands of BAG, against the motion in BAG
   compare BAG --scene SCENE          likewise; with two recordings, --scene gives body and frames of bags without them
 
-Times are aligned by stamps; by the commands, if one was flown from the other; otherwise by the lag that fits best, with
-its uncertainty, and it is an error if no lag is certain. Values are compared at stamps of both, or interpolated, never
-across a gap.
+Times are aligned by the commands if one was simulated under those of the other, else by stamps if the recordings then
+overlap, else by the lag that fits best, with its uncertainty; it is an error if no lag is certain. Values are compared
+at common stamps, or interpolated, never across a gap.
 
 Exit codes: 0 compared; 1 a difference of attitude, position or velocities is beyond --bound, or less than --share of
 the time is compared; 2 nothing to compare.
@@ -29,11 +29,11 @@ HELP = "compare two flights, or a scene with a recording"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
     parser.add_argument("a", metavar="A", help="log of a run, bag of pose, twist or wrench, or scene file")
-    parser.add_argument("b", metavar="B", nargs="?", help="the same; without it, the scene of --scene")
-    parser.add_argument("--scene", metavar="SCENE", help="body and frames of bags, and what is flown without B")
+    parser.add_argument("b", metavar="B", nargs="?", help="the same; default: the scene of --scene")
+    parser.add_argument("--scene", metavar="SCENE", help="body and frames of bags; simulated in place of a missing B")
     parser.add_argument(
         "--align", type=_align, metavar="start|stamp|SECONDS",
-        help="start: the motions begin together; stamp: one clock; SECONDS: B's time less A's at one instant",
+        help="start: the motions begin together; stamp: one clock; SECONDS: time of B minus time of A",
     )  # fmt: skip
     parser.add_argument(
         "--bound", type=_bound, metavar="X|NAME=X,...",
@@ -42,10 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--share", type=real("a number from 0 to 1", lambda v: 0.0 <= v <= 1.0), default=0.0, metavar="X",
-        help="least part, 0 to 1, of the longer of the two, within --from and --to, that is to be compared",
+        help="least fraction, 0 to 1, of the longer recording, within --from and --to, that must be compared",
     )  # fmt: skip
     add_window(parser, "compare")
-    add_start_and_topics(parser, "of a scene that is flown: ")
+    add_start_and_topics(parser, "for a simulated scene: ")
     add_topics(parser, "; given twice: of A and of B")
     parser.add_argument(
         "--html", metavar="F", help="write a page with both motions and their differences (extra: plot)"

@@ -6,7 +6,7 @@ effects. What the recordings cannot determine is reported and keeps the value of
 determines only ratios of the moments, one without force no mass.
 
 Residuals far beyond noise are named: the model then lacks something. Exit codes: 0 everything asked for is known; 1
-something asked for cannot be known from these recordings, the fit does not follow them or did not come to rest; 2 bad
+something asked for cannot be known from these recordings, the fit does not follow them or does not converge; 2 bad
 input.
 """
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fit", metavar="NAMES",
         help="what to fit, separated by commas: mass, center_of_mass, inertia, inertia_ratios, initial, gyro_bias, "
         "gyro_scale, gyro_alignment, accelerometer, delay, wrench_scale, or numbers of an effect such as "
-        "effects[0].rotation; default: the mass properties, as far as the recordings tell them",
+        "effects[0].rotation; default: the mass properties, as far as the recordings determine them",
     )  # fmt: skip
     parser.add_argument(
         "--wrench", action="append", default=[], metavar="BAG",
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topics(parser)
     parser.add_argument(
         "--validate", action="append", default=[], metavar="BAG",
-        help="recording to predict with what was found, fitting only its start; may be repeated",
+        help="recording to predict with the result, fitting only its initial state; may be repeated",
     )  # fmt: skip
     parser.add_argument(
         "--loss", choices=("linear", "soft_l1", "huber", "cauchy"), default="linear",
@@ -63,7 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--html", metavar="F", help="write a page: measured and fitted, residuals, ellipses of errors (extra: plot)"
     )
-    parser.add_argument("--advise", action="store_true", help="also say what recording would tell what is not known")
+    parser.add_argument(
+        "--advise", action="store_true", help="also say which recording would determine what is not known"
+    )
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object, floats in full")
 
 
@@ -139,13 +141,13 @@ def as_text(found: Identification, advise: bool) -> str:
     lines += [
         "",
         f"{found.agreeing} of {found.starts} starts found this minimum"
-        + ("" if found.converged else "; it did not come to rest"),
+        + ("" if found.converged else "; the fit did not converge"),
     ]
     lines += found.unexplained
     if found.unknown_combinations:
-        lines += ["not told by these recordings:", *(f"  {each}" for each in found.unknown_combinations)]
+        lines += ["not determined by these recordings:", *(f"  {each}" for each in found.unknown_combinations)]
     if advise and found.advice:
-        lines += ["what would tell it:", *(f"  {each}" for each in found.advice)]
+        lines += ["what would determine it:", *(f"  {each}" for each in found.advice)]
     lines += [f"note: {note}" for note in found.notes]
     return "\n".join(lines)
 
@@ -155,11 +157,11 @@ def _missing(found: Identification) -> list[str]:
     lacks = [each.name for each in found.parameters if each.asked and not each.known]
     lines = []
     if not found.converged:
-        lines.append("the fit did not come to rest; give a scene nearer to the body, or more --starts")
+        lines.append("the fit did not converge; give a scene closer to the body, or more --starts")
     if lacks:
         told = f"; to know {found.advice[0]}" if found.advice else ""
         lines.append(f"not known from these recordings: {', '.join(lacks)}{told}")
     elif not found.passed and found.converged and found.validated is not False:
         told = f"; to know {found.advice[0]}" if found.advice else ""
-        lines.append(f"these recordings tell nothing of the body{told}")
+        lines.append(f"these recordings determine nothing about the body{told}")
     return lines

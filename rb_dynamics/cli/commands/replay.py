@@ -128,7 +128,7 @@ def _report(found: Replay, bound: float) -> list[str]:
     """Return the result of a replay as text."""
     lines = [f"replayed {found.samples} samples under {found.commands} commands; times are simulation time"]
     if not found.complete:
-        lines.append("the log was cut off: what it has is compared")
+        lines.append("the log was cut off; the part that exists is compared")
     if found.software:
         lines.append("as the log says, it was made by another version or on another platform:")
     lines += [f"  {name} was {was or 'none'}, here {here or 'none'}" for name, (was, here) in found.software.items()]
@@ -186,15 +186,15 @@ def _verdict(found: Replay, bound: float) -> list[str]:
     if not found.software:
         return ["NOT the same bits"]
     if not found.within(bound):
-        more = f": {found.relative:.2g}; --bound takes more, where the motion amplifies what is rounded otherwise"
+        more = f": {found.relative:.2g}; accept more with --bound if the motion amplifies rounding errors"
         return ["NOT the same bits", f"NOT within {bound:g}{more if found.within(found.relative) else ''}"]
     if not found.differences:
         return [
             f"every number is the same to the last bit, but NOT {', '.join(found.differing)}",
-            "another version may say that otherwise; not proven: which version made the log, as only the log says so",
+            "another version may write that differently; not proven: which version made the log (only the log says so)",
         ]
     return [
         f"NOT the same bits, but every number is within {found.relative:.2g} of the largest of its kind",
-        f"within {bound:g}, as another version or platform may be: it may round or step otherwise (CHANGELOG.rst)",
-        "not proven: digits below that, and which version and platform made the log, as only the log says so",
+        f"within {bound:g}, as another version or platform may round or step differently (CHANGELOG.rst)",
+        "not proven: digits below that, and which version and platform made the log (only the log says so)",
     ]

@@ -7,7 +7,7 @@ without any command that acts is an error.
 In place of a scene, a log of this package stands for its scene with its commands: simulate RUN.mcap gives the same
 bits, and simulate RUN.mcap --set body.mass=17 shows what another mass would have done.
 
---sigma and --covariance tell how an uncertainty of state and body grows along the flight, to first order, and how far
+--sigma and --covariance show how an uncertainty of state and body grows along the flight, to first order, and how far
 that is true. The names are mass, center_of_mass, inertia, initial.orientation (rad, a turn about body axes),
 initial.angular_velocity_body, initial.position_world, initial.linear_velocity_world, wrench_scale.TOPIC, and numbers of
 effects such as effects[0].rotation; one axis of them is named as in inertia.xx.

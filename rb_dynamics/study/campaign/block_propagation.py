@@ -44,7 +44,7 @@ CHANNEL = "control"
 """The wrench channel of the controller's commands."""
 
 TORQUE, FORCE = "torque", "force"
-"""What a controller commands beside actuators: a wrench on `CHANNEL`, body axes."""
+"""What a controller commands in addition to actuators: a wrench on `CHANNEL`, body axes."""
 
 Commands: TypeAlias = "Mapping[str, Numbers]"
 """`TORQUE` and `FORCE`, (N, 3), and commands to actuators by their names, (N,)."""

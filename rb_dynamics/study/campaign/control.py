@@ -1,6 +1,6 @@
 """The closed loop of a block of bodies: measure, evaluate the law, limit its torque; commands apply after a delay.
 
-`flight.py` moves the bodies.
+`block_propagation.py` moves the bodies.
 """
 
 from __future__ import annotations

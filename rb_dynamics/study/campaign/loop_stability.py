@@ -82,7 +82,7 @@ def remarks(campaign: Campaign) -> list[str]:
     growth, where = _growth(base, gains, period_s, delay_s, channel.lag)
     if growth > 1.0 + 1e-9:
         found.append(
-            f"{control.law} is unstable {where}: with a period of {period_s:g} s and a delay of {delay_s:g} s"
+            f"{control.law} is unstable {where}: for a period of {period_s:g} s and a delay of {delay_s:g} s"
             f"{lagging}, an error grows by a factor of {growth:.3g} per sample; lower the gain or raise control.rate"
         )
     return found
@@ -102,7 +102,7 @@ def _growth(scene: Scene, gains: Sequence[float], period_s: float, delay_s: floa
     inside, each, turning = gyrostat(scene)
     stiff, damped = ((gain * each).astype(np.float64) for gain in gains)
     growth = growth_per_sample(stiff, damped, period_s, delay_s, lag_s, turning)
-    return growth, f"beside {np.linalg.norm(inside):.3g} N m s of wheels and rotors"
+    return growth, f"with {np.linalg.norm(inside):.3g} N m s in wheels and rotors"
 
 
 class _TrialEndError(Exception):

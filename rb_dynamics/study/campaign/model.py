@@ -37,7 +37,7 @@ class Control:
         numbers: dotted key and value of everything that may be dispersed: `control.delay` (s), `control.saturation` (N
             m, per axis), `control.bias[i]` (N m), `control.noise.attitude` (rad, per axis), `control.noise.rate`
             (rad/s, per axis), and `control.parameters.*` of the law.
-        through: names of the reaction wheels that give the torque; none where it acts by itself.
+        through: names of the reaction wheels that give the torque; none if it acts by itself.
     """
 
     law: str

@@ -204,7 +204,7 @@ def _on_board(section: Section, control: Control, base: Scene) -> Control:
     """Return `control` without the errors that sensors and actuators of the scene have themselves."""
     numbers, through = dict(control.numbers), section.get("through")
     if base.sensors:
-        _refuse(section, "noise", "the noise of the scene's sensors, which the law hears", _noise_lines(control))
+        _refuse(section, "noise", "the noise of the scene's sensors, which the law receives", _noise_lines(control))
         numbers = {key: value for key, value in numbers.items() if not key.startswith("control.noise.")}
         measured = {name for sensor in base.sensors for name in sensor.values}
         for name, kind in laws.HEARS.get(control.law, {}).items():

@@ -59,7 +59,7 @@ class SingleRun:
         """Return the result as text."""
         lines = [f"run {self.run}"]
         if self.error:
-            lines.append(f"  not flown to its end: {self.error}")
+            lines.append(f"  did not complete: {self.error}")
         if self.row_error:
             lines.append(f"  its row says: {self.row_error}")
         for name, value in self.metrics.items():

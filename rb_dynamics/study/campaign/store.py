@@ -32,7 +32,7 @@ ROWS = 1 << 16
 
 _NO_ROWS = ", expected the rows of a campaign in Parquet; check the path"
 _METADATA = b"rb_dynamics"
-_ANEW = "give another file with --out, or --overwrite to begin anew"
+_ANEW = "give another file with --out, or --overwrite to start again"
 _REMOVE = "remove the file, so that its runs are repeated"
 _PART = re.compile(r"runs-(\d+)-(\d+)\.parquet")
 

@@ -79,7 +79,7 @@ class MetricSummary:
         name: of the metric.
         unit: of its values.
         count: number of runs with a value.
-        missing: number of runs without one: a condition that was never met, or a run that could not be flown.
+        missing: number of runs without a value: a condition that was never met, or a run that failed.
         never: how many of these never met the condition; they count as larger than any value in quantiles.
         mean: of the values.
         deviation: standard deviation of the values.
@@ -344,7 +344,7 @@ def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]
         *(f"  {line}" for line in _aligned(quantile_table(summary))),
         f"  99 % below: 99 % of the runs have a smaller value.  {TRUE}: its interval over all possible runs, with",
         f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, which count as larger than any,",
-        "  or could not be flown, which do not count.",
+        "  or could not be completed, which do not count.",
     ]
     if far := far_text(summary):
         lines.append(f"  {far}")
@@ -366,13 +366,13 @@ def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]
     if few := few_runs(campaign, summary):
         lines.append(f"note        {few}")
     place = rows or "the rows"
-    lines += [f"not flown   run {run}: {text}" for run, text in summary.errors[:_SHOWN]]
+    lines += [f"incomplete  run {run}: {text}" for run, text in summary.errors[:_SHOWN]]
     if summary.not_flown > _SHOWN:
         lines.append(f"            {_SHOWN} of {summary.not_flown} shown; all in {place}, where error is not empty")
     if summary.failed:
         failed = summary.runs - summary.passed
         some = f" ({_SHOWN} of {failed} shown; all in {place}, where passed is false)" if failed > _SHOWN else ""
-        lines.append(f"failed      {failed}; to fly one again with a full log{some}:")
+        lines.append(f"failed      {failed}; to repeat one with a full log{some}:")
     lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:_SHOWN], options)]
     return "\n".join(lines)
 
@@ -384,7 +384,7 @@ def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:
         return ""
     return (
         f"{summary.runs} runs are few for {len(campaign.inputs)} inputs, some of which are correlated by chance; "
-        f"{wanted} or more tell them apart"
+        f"{wanted} or more distinguish them"
     )
 
 
@@ -423,7 +423,7 @@ def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
 
 
 def far_text(summary: CampaignSummary) -> str:
-    """Return a note on what the runs are too few to tell about the farthest quantile; "" if they are enough."""
+    """Return a note if there are too few runs for the farthest quantile; "" if there are enough."""
     count = min((metric.count + metric.never for metric in summary.metrics if metric.count), default=0)
     reached = math.ceil(0.5 / (1.0 - FAR))
     bounded = math.ceil(math.log(0.5 * (1.0 - CONFIDENCE)) / math.log(FAR))

@@ -53,7 +53,7 @@ class WorkPrecision:
             best = min(best, again.time if again else math.inf)
         bare = best / self._trial.seconds
         row = self._row(solver, run, bare, self._trial.time_with_outputs(solver, tally.used, bare))
-        # A setting that gives the same steps as the one before gets no row.
+        # A setting that gives the same steps as the one before has no row.
         if not rows or _run(rows[-1]) != _run(row):
             rows.append(row)
         if row.within_trust:

@@ -143,7 +143,7 @@ def test_runs_of_another_campaign_are_not_mixed(tmp_path: Path) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     fly(campaign, out)
     write(tmp_path, CAMPAIGN.replace("seed: 7", "seed: 8"))
-    with pytest.raises(LogError, match=r"another campaign: seed is 7 there and 8 here; .* --overwrite to begin anew"):
+    with pytest.raises(LogError, match=r"another campaign: seed is 7 there and 8 here; .* --overwrite to start again"):
         fly(campaign, out)
     read = read_campaign(campaign)
     assert not Store(out, read, overwrite=True).complete
@@ -531,7 +531,7 @@ def test_runs_that_a_law_fails_are_rows_and_the_exit_code_tells(
     assert why == "control.law: own_check.law raised IndexError: list index out of range, own_check.py:3"
     assert main([*arguments, "--rerun", str(failed)]) == 1
     found = capsys.readouterr()
-    assert f"not flown to its end: {why}\n  its row says: {why}\n" in found.out
+    assert f"did not complete: {why}\n  its row says: {why}\n" in found.out
     assert "differs" not in found.out
     # The log has it as far as it went.
     assert read_bag(tmp_path / f"rows-{failed}.mcap").metadata[RESULT]["end_time_ns"] != "2000000000"

@@ -152,9 +152,7 @@ def test_a_momentum_wheel_counts_and_the_channel_of_a_torque_through_wheels_does
     assert remarks(read_campaign(write(tmp_path, THROUGH, MOMENTUM_WHEEL.replace("SPEED", "0")))) == []
     campaign = read_campaign(write(tmp_path, THROUGH, MOMENTUM_WHEEL.replace("SPEED", "100")))
     (told,) = remarks(campaign)
-    assert told.startswith(
-        "rate_damping is unstable beside 0.1 N m s of wheels and rotors: with a period of 1 s and a "
-    )
+    assert told.startswith("rate_damping is unstable with 0.1 N m s in wheels and rotors: for a period of 1 s and a ")
     assert "delay of 1 s, an error grows by a factor of 1.13 per sample" in told
     rates: list[float] = []
     campaign = replace(campaign, observe_ns=10**9, metrics=())
