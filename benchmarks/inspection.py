@@ -3,8 +3,9 @@
 Usage: python benchmarks/inspection.py [samples ...]
 
 Each recording is of one free body at 1 kHz: a log of this package, and its Odometry and pose alone in a bag, as another
-program would record them. Each is inspected in a process of its own. Prints samples, size, peak resident memory and
-time, on the clock and of the processor, with that to start.
+program would record them, inspected alone and with a scene whose body is not the one that moved. Each is inspected in
+a process of its own. Prints samples, size, peak resident memory and time, on the clock and of the processor, with that
+to start.
 """
 
 from __future__ import annotations
@@ -33,19 +34,22 @@ output_rate: 1000
 INSPECT = """
 import sys
 from rb_dynamics.analysis.inspection import inspect
-inspect(sys.argv[1])
+inspect(*sys.argv[1:])
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 
 
 def main() -> None:
-    for count in [int(text) for text in sys.argv[1:]] or [100_000, 400_000, 1_350_000]:
+    for count in [int(text) for text in sys.argv[1:]] or [100_000, 400_000, 1_200_000]:
         with tempfile.TemporaryDirectory() as folder:
             log, bag = Path(folder, "run.mcap"), Path(folder, "bag.mcap")
             rb.simulate(rb.parse_scene(SCENE, overrides={"duration": count / 1000.0}), (), [McapSink(log)])
             measure("log of this package", log, count)
             write_bag(log, bag)
             measure("bag", bag, count)
+            other = Path(folder, "other.yaml")
+            other.write_text(SCENE.replace("[1, 2, 3]", "[1.1, 2, 2.8]"))
+            measure("bag with a scene", bag, count, other)
 
 
 def write_bag(log: Path, bag: Path) -> None:
@@ -59,10 +63,12 @@ def write_bag(log: Path, bag: Path) -> None:
         copy.finish((), {}, {})
 
 
-def measure(what: str, path: Path, count: int) -> None:
+def measure(what: str, path: Path, count: int, *scene: Path) -> None:
     """Print what it takes to inspect a recording."""
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = subprocess.run([sys.executable, "-c", INSPECT, str(path)], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", INSPECT, path, *scene], capture_output=True, text=True, check=True
+    ).stdout
     wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     size, peak = path.stat().st_size / 1e6, int(said) / 1024
