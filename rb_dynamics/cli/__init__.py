@@ -16,6 +16,7 @@ import re
 import signal
 import sys
 from collections.abc import Sequence
+from typing import Any, TextIO, cast
 
 from rb_dynamics.cli.parser import Parser
 from rb_dynamics.errors import RigidBodyError
@@ -85,8 +86,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     args.ros_args = arguments[split:]
     try:
-        with interrupted_by_signals():
+        with interrupted_by_signals(), contextlib.redirect_stdout(cast(TextIO, _WhileRead(sys.stdout))):
             code: int = args.run(args)
+            sys.stdout.flush()
     except RigidBodyError as error:
         print(f"rb-dynamics: {error}", file=sys.stderr)
         return 2
@@ -94,11 +96,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):  # of a terminal that was closed
             print("rb-dynamics: interrupted", file=sys.stderr)
         return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
-    except BrokenPipeError:
-        # The reader of a pipe has gone (`| head`): nothing more can be printed, and the flush at exit must not try.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     return code
+
+
+class _WhileRead:
+    """A stream that drops what is printed once the reader of a pipe has gone (`| head`): the exit code stays true."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            self._give_up()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._give_up()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _give_up(self) -> None:
+        # What is still in its buffer goes nowhere, too: the flush at exit must not fail.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
 
 def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace | None:

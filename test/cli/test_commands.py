@@ -161,6 +161,22 @@ def test_a_pipe_gets_no_progress_bar(scene: Path) -> None:
     assert [line for line in said if not line.startswith("note: no commands on ")] == []
 
 
+@pytest.mark.parametrize("bound", [1e-9, 10.0])
+def test_the_verdict_stands_when_nobody_reads_on(scene: Path, tmp_path: Path, bound: float) -> None:
+    """As of `compare ... | head -1`: a check that had failed ended with 0."""
+    logs = [str(tmp_path / f"{mass}.mcap") for mass in (2, 3)]
+    for mass, log in zip((2, 3), logs, strict=True):
+        command("simulate", scene, "--set", f"initial.angular_velocity_body=[0, 0, {mass}]", "--mcap", log)
+    read, write = os.pipe()
+    os.close(read)
+    line = [sys.executable, "-m", "rb_dynamics", "compare", *logs, "--bound", str(bound)]
+    try:
+        ended = subprocess.run(line, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(write)
+    assert (ended.returncode, ended.stderr) == (int(bound < 1.0), "")
+
+
 class TestSet:
     """`--set` works for every key, also for those with an option of their own."""
 
