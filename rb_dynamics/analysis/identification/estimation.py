@@ -103,27 +103,43 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     pieces = _pieces(model)
     tries = _starts(model, starts, noise, pieces[0] if pieces else None, seed)
     bar = _Progress(progress, len(tries) * (len(pieces) + 1) + 2)
-    found = []
     # A search need not be more exact than that, and a recording without noise would keep it long.
     coarse = {key: max(level, _COARSE * _largest(model, key)) for key, level in noise.items()}
+    found: list[tuple[Any, Any]] = []
     for start in tries:
-        at = start
-        for piece in [*pieces, None]:
-            whole = _least_squares(model, at, coarse, loss, piece)
-            at = whole.x
+        at, longest = start, None
+        for piece in pieces:
+            longest = _least_squares(model, at, coarse, loss, piece)
+            at = longest.x
             bar.step()
-        if coarse != noise:
-            whole = _least_squares(model, at, noise, loss, None)
-        found.append((whole.cost, whole))
+        # A start that comes to the minimum of another in the longest piece would go on like that.
+        whole = next((each for other, each in found if _same_minimum(other, longest)), None)
+        if whole is None:
+            whole = _least_squares(model, at, coarse, loss, None)
+            if coarse != noise:
+                whole = _least_squares(model, whole.x, noise, loss, None)
+        bar.step()
+        found.append((longest, whole))
         # A fit that leaves only noise is the minimum: no other start can improve it.
         if _explained(model, whole.x, noise):
             break
-    costs = np.array([cost for cost, _ in found])
+    costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
     agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
     found_fit = settled(model, best.x, noise, loss, bool(best.status > 0))
     bar.step()
     return found_fit._replace(starts=len(found), agreeing=agreeing)
+
+
+def _same_minimum(one: Any, other: Any) -> bool:
+    """Return whether two searches of a piece came to one minimum: by its derivatives, the cost hardly changes between.
+
+    Not without a piece.
+    """
+    if one is None or other is None:
+        return False
+    step = other.x - one.x
+    return all(0.5 * float(np.sum((each.jac @ step) ** 2)) <= _SAME * each.cost for each in (one, other))
 
 
 def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converged: bool = True) -> Fit:
@@ -248,7 +264,7 @@ def _least_squares(model: Model, z: Array, noise: dict[Key, float], loss: str, u
                 gain = 0.5 * float(np.sum((by @ np.linalg.lstsq(by, -left, rcond=None)[0]) ** 2))
                 # Nothing that the cost could show: a search would end only when its steps are too short.
                 if cost <= least and gain < _ROUNDING * cost:
-                    raise _AtRest(OptimizeResult(x=at.copy(), cost=cost, status=1))
+                    raise _AtRest(OptimizeResult(x=at.copy(), cost=cost, jac=by, status=1))
                 least = min(least, cost)
         return cache[name]
 
