@@ -10,7 +10,7 @@ import numpy as np
 
 from rb_dynamics.analysis.own_log_consistency import topic_in_log
 from rb_dynamics.analysis.time_alignment import Alignment
-from rb_dynamics.analysis.track import RecordedWrench, Times, Track
+from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
@@ -29,19 +29,25 @@ class CommandDifference:
         force: largest difference, N.
         torque: largest difference, N m.
         axes: whether one is in world and the other in body axes at some time, and so cannot be subtracted.
+        value: largest difference of the commands to an actuator, in its unit.
+        unit: of an actuator's commands; "" for a wrench.
     """
 
     topic: str
     a: int | None
     b: int | None
     first_ns: int
-    force: float
-    torque: float
+    force: float = 0.0
+    torque: float = 0.0
     axes: bool = False
+    value: float = 0.0
+    unit: str = ""
 
     def as_dict(self, zero_ns: int) -> dict[str, Any]:
         """Return plain values for JSON; times in s from `zero_ns`."""
-        numbers = {"force": self.force, "torque": self.torque, "axes_differ": self.axes}
+        numbers: dict[str, Any] = {"force": self.force, "torque": self.torque, "axes_differ": self.axes}
+        if self.unit:
+            numbers = {"value": self.value, "unit": self.unit}
         first = {"first_difference_s": (self.first_ns - zero_ns) / 1e9}
         return {"topic": self.topic, "a": self.a, "b": self.b} | first | numbers
 
@@ -95,6 +101,8 @@ def command_differences(
             f"Commands on {', '.join(uncompared)} are not compared: what acted followed them with a lag, and the two "
             "recordings do not say what acted at the same times."
         )
+    if a.own and b.own:
+        found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
     unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
     if unknown:
         told.append(
@@ -110,6 +118,51 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
     names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.acting]
     return {channels.get(name, name): steps for name, steps in zip(names, track.acting, strict=True)}
+
+
+def _of_actuators(
+    a: Track, b: Track, offset_ns: int, span_ns: tuple[int, int], tolerance_ns: int
+) -> list[CommandDifference]:
+    """Return the actuators of two logs whose commands differ; each is known by its name."""
+    found = []
+    one, other = _setpoints(a), _setpoints(b)
+    for name in dict.fromkeys((*one, *other)):
+        (unit, times_a, values_a), (_, times_b, values_b) = (
+            each.get(name, ("", np.empty(0, np.int64), np.empty(0))) for each in (one, other)
+        )
+        sides = []
+        for times, values in ((times_a, values_a), (times_b - offset_ns, values_b)):
+            kept = (times >= span_ns[0]) & (times < span_ns[1])
+            sides.append((times[kept], values[kept]))
+        (first_ns, first), (second_ns, second) = sides
+        same = len(first) == len(second) and bool((abs(first_ns - second_ns) <= tolerance_ns).all())
+        if same and np.array_equal(first, second):
+            continue
+        count = min(len(first), len(second))
+        differ = (first[:count] != second[:count]) | (abs(first_ns[:count] - second_ns[:count]) > tolerance_ns)
+        place = int(differ.argmax()) if differ.any() else count
+        since = min(int(each[place]) for each in (first_ns, second_ns) if place < len(each))
+        # What one has and the other has not is compared with none.
+        most = max(len(first), len(second))
+        apart = np.pad(first, (0, most - len(first))) - np.pad(second, (0, most - len(second)))
+        counts = len(first) if name in one else None, len(second) if name in other else None
+        found.append(
+            CommandDifference(name, *counts, since, value=float(abs(apart).max()), unit=unit or other[name][0])
+        )
+    return found
+
+
+def _setpoints(track: Track) -> dict[str, tuple[str, Times, Array]]:
+    """Return unit, times and values of the commands to each actuator of a log, by its topic in the scene."""
+    scene = logged_scene(track.bag.attachments)
+    topics = (
+        {} if scene is None else {each.topic: (each.unit, topic_in_log(track, each.topic)) for each in scene.actuators}
+    )
+    known = {name for name, topic in track.bag.topics.items() if topic.count}
+    return {
+        name: (unit, *(track.bag.scalars(topic) if topic in known else (np.empty(0, np.int64), np.empty(0))))
+        for name, (unit, topic) in topics.items()
+    }
 
 
 def _sampled(track: Track) -> set[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,7 +23,9 @@ from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse, rotations_between
+from rb_dynamics.scene.model import Scene
 
 UNITS = {
     "attitude": "rad",
@@ -574,7 +576,27 @@ def _runs(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
     if not (a.own and b.own):
         return []
     one, other = a.bag.metadata[RUN], b.bag.metadata[RUN]
-    return [(name, one.get(name, ""), other.get(name, "")) for name in _FACTS if one.get(name) != other.get(name)]
+    facts = [(name, one.get(name, ""), other.get(name, "")) for name in _FACTS if one.get(name) != other.get(name)]
+    return [*facts, *_devices(a, b)]
+
+
+def _devices(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
+    """Return the numbers of actuators, sensors and wrench channels in which the scenes of two logs differ."""
+    scenes = logged_scene(a.bag.attachments), logged_scene(b.bag.attachments)
+    one, other = ({} if scene is None else _numbers_of_devices(scene) for scene in scenes)
+    if not (one and other):
+        return []
+    names = [name for name in dict.fromkeys((*one, *other)) if one.get(name) != other.get(name)]
+    return [(name, one.get(name, ""), other.get(name, "")) for name in names]
+
+
+def _numbers_of_devices(scene: Scene) -> dict[str, Any]:
+    devices: list[tuple[str, Any]] = [
+        *((f"actuators.{each.name}", each) for each in scene.actuators),
+        *((f"sensors.{each.name}", each) for each in scene.sensors),
+        *((f"wrenches.{each.topic}", each) for each in scene.channels),
+    ]
+    return {f"{name}.{field.name}": getattr(each, field.name) for name, each in devices for field in fields(each)}
 
 
 def _unknown_body(a: Given, b: Given) -> list[str]:

@@ -30,7 +30,7 @@ from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
-from rb_dynamics.logs.messages import SET_STATE, decode_setpoint
+from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
 
 _logger = logging.getLogger(__name__)
 
@@ -123,6 +123,7 @@ class _Recording:
         moves: states in it to which the body was moved from outside.
         drives: topics of commands to the scene's actuators.
         drives_nothing: topics that look like such commands, but are those of no actuator.
+        unused: topics of other wrenches, and of the scene's actuators with another type, each with its type.
     """
 
     path: Path
@@ -147,6 +148,7 @@ class _Recording:
     moves: int = 0
     drives: set[str] = field(default_factory=set)
     drives_nothing: set[str] = field(default_factory=set)
+    unused: dict[str, str] = field(default_factory=dict)
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
 
@@ -288,6 +290,17 @@ class RecordedWrenches:
             for bag in self._bags
             if actuators and bag.drives_nothing
         )
+        self.notes += (
+            f"{bag.path}: no channel or actuator of the scene takes {_several(bag.unused)}; map with --topic "
+            "TOPIC=CHANNEL; actuators take Float64"
+            for bag in self._bags
+            if bag.unused
+        )
+        if late := self._late_setpoints():
+            self.notes.append(
+                f"{late} of {len(self.setpoints)} commands to actuators lie after the end of the run at "
+                f"{_seconds(int(self._end_ns))} s and have no effect"
+            )
         for bag in self._bags:
             if bag.lost:
                 _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
@@ -303,6 +316,15 @@ class RecordedWrenches:
         for bag in self._bags:
             if bag.count and not bag.acting and not (0 < bag.early < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))
+        if self.setpoints and self._late_setpoints() == len(self.setpoints) and not any(b.acting for b in self._bags):
+            raise LogError(
+                f"{', '.join(str(bag.path) for bag in self._bags)}: none of its {len(self.setpoints)} commands to "
+                f"actuators acts: the run {self._run()}; let the run begin at a time of the bag by --wrench-start "
+                "SECONDS, or make it longer with --duration"
+            )
+
+    def _late_setpoints(self) -> int:
+        return sum(command.stamp_ns > self._end_ns for _, command in self.setpoints)
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -378,6 +400,10 @@ class RecordedWrenches:
                     bag.back_ns = max(bag.back_ns, int(-np.diff(stamps).min()))
                     bag.newest[id(block.channel)] = int(stamps[-1])
         for channel in source.channels.values():
+            name, kind = channel.topic.removeprefix("/"), named_type(channel)
+            wrench = kind in WRENCHES and name not in self._wanted and not name.endswith(APPLIED)
+            if RUN not in source.metadata and (wrench or (name in self._actuators and kind != SCALAR)):
+                bag.unused[channel.topic] = kind
             if named_type(channel) in WRENCHES:
                 bag.found[channel.topic] += 0
             if self._drives(channel) is not None:
@@ -632,6 +658,8 @@ def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]
 def _no_commands(bag: _Recording, topics: Sequence[str]) -> str:
     if not bag.found:
         remedy = "give a bag of WrenchStamped or Wrench messages"
+        if bag.unused:
+            remedy = f"{_several(bag.unused)} is of another type than its commands, Float64"
         if bag.lost:
             remedy = "the file was cut off before a whole message: record it again"
     elif not topics:
@@ -645,6 +673,10 @@ def _no_commands(bag: _Recording, topics: Sequence[str]) -> str:
         f"{bag.path} has no channel of the scene: its wrench topics are {_listed(bag.found)}, the scene expects "
         f"{', '.join(topics) or 'none'}; {remedy}"
     )
+
+
+def _several(topics: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
 
 
 def _listed(found: Counter[str]) -> str:

@@ -108,15 +108,18 @@ def command_lines(found: Comparison) -> list[str]:
     lines = []
     for each in found.commands or ():
         counts = ", ".join(
-            f"{side}: {'no such channel' if count is None else f'{count} changes'}"
+            f"{side}: {_count(count, 'commands' if each.unit else 'changes')}"
             for side, count in (("A", each.a), ("B", each.b))
         )
         axes = "; one in world, the other in body axes" if each.axes else ""
-        lines.append(
-            f"{each.topic} differs from t = {found.seconds(each.first_ns):.9g} s on, by up to {each.force:.4g} N and "
-            f"{each.torque:.4g} N m ({counts}){axes}"
-        )
+        size = f"{each.value:.4g} {each.unit}" if each.unit else f"{each.force:.4g} N and {each.torque:.4g} N m"
+        since = found.seconds(each.first_ns)
+        lines.append(f"{each.topic} differs from t = {since:.9g} s on, by up to {size} ({counts}){axes}")
     return lines
+
+
+def _count(count: int | None, what: str) -> str:
+    return f"no such {'actuator' if what == 'commands' else 'channel'}" if count is None else f"{count} {what}"
 
 
 def body_lines(found: Comparison) -> list[str]:

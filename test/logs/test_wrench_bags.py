@@ -193,6 +193,26 @@ def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
     assert not RecordedWrenches([bag], ["wrench", "other"], 10 * SECOND, start="stamp").notes
 
 
+def test_commands_that_nothing_takes_are_named(tmp_path: Path) -> None:
+    """Beside others that act, they vanished without a word: too late, of another topic, or of another type."""
+    number = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
+    rows: list[Row] = [("/wrench", STAMPED, k * SECOND, stamped(k * SECOND, 1.0)) for k in range(3)]
+    rows += [("/wheel/command", number[0], k * SECOND, cdr.encode(number[0], (0.1,))) for k in (1, 20, 21)]
+    rows += [("/thrust", STAMPED, SECOND, stamped(SECOND, 1.0))]
+    rows += [("/rod/command", number[1], SECOND, b"\0\1\0\0" + b"\0\0\0\0")]
+    bag, actuators = write_rows(tmp_path / "a.mcap", rows), ["wheel/command", "rod/command"]
+    found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, actuators=actuators)
+    assert "takes /rod/command (Float32), /thrust (WrenchStamped)" in found.notes[0]
+    assert "2 of 3 commands to actuators lie after the end of the run at 10 s" in found.notes[1]
+    found.require_some()
+    late = write_rows(tmp_path / "b.mcap", [row for row in rows if row[0].endswith("/command")][1:])
+    with pytest.raises(LogError, match="none of its 2 commands to actuators acts: the run goes from 0 to 10 s"):
+        RecordedWrenches([late], ["wrench"], 10 * SECOND, actuators=actuators).require_some()
+    other = write_rows(tmp_path / "c.mcap", [row for row in rows if row[0] == "/rod/command"])
+    with pytest.raises(LogError, match=r"/rod/command \(Float32\) is of another type than its commands, Float64"):
+        RecordedWrenches([other], ["wrench"], 10 * SECOND, actuators=actuators)
+
+
 def test_several_bags_are_of_one_time_and_in_one_order(tmp_path: Path) -> None:
     one = recorded(tmp_path / "one.mcap", WALL_NS, [WALL_NS, WALL_NS + 2 * SECOND])
     two = recorded(tmp_path / "two.mcap", WALL_NS + SECOND, [WALL_NS + SECOND, WALL_NS + 2 * SECOND], "/push")

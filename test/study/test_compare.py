@@ -278,6 +278,34 @@ def test_what_follows_with_a_lag_is_compared_at_common_times_only(folder: Path) 
     assert len(without.commands) == 1
 
 
+def test_commands_to_actuators_and_changed_devices_are_named(folder: Path) -> None:
+    """Nothing of what acts on a wheel or a rod is a wrench: their commands were called the same."""
+    wheel = {"type": "reaction_wheel", "name": "wheel", "axis": [0, 0, 1], "inertia": 0.001}
+    asked = [(0.004, 500_000_000), (-0.006, 2_000_000_000)]
+
+    def flown(name: str, values: list[tuple[float, int]], **changed: float) -> Path:
+        path = folder / f"wheel_{name}.mcap"
+        commands = [("wheel/command", rb.Setpoint(value, at)) for value, at in values]
+        scene = rb.parse_scene(SCENE, "test.yaml", {"actuators": [{**wheel, **changed}]})
+        rb.simulate(scene, commands, [McapSink(path)])
+        return path
+
+    run = flown("run", asked)
+    assert rb.compare(run, flown("again", asked)).commands == []
+    for name, values, first_ns, size, counts in (
+        ("other", [asked[0], (-0.0061, 2_000_000_000)], 2_000_000_000, 1e-4, (2, 2)),
+        ("more", [*asked, (0.002, 3_000_000_000)], 3_000_000_000, 0.002, (2, 3)),
+        ("none", [], 500_000_000, 0.006, (2, 0)),
+    ):
+        (found,) = rb.compare(run, flown(name, values)).commands or ()
+        assert (found.topic, found.first_ns, found.unit, (found.a, found.b)) == (
+            "wheel/command", first_ns, "N m", counts,
+        )  # fmt: skip
+        assert found.value == pytest.approx(size)
+    changed = rb.compare(run, flown("heavier", asked, inertia=0.002))
+    assert ("actuators.wheel.inertia", 0.001, 0.002) in changed.run
+
+
 def test_without_a_twist_velocities_are_null(log: Path, folder: Path) -> None:
     bag = foreign(folder / "poses.mcap", log, twist=False, later_ns=LATER)
     told = rb.compare(log, bag).as_dict()
