@@ -23,6 +23,8 @@ Mask = NDArray[np.bool_]
 # A sample is an outlier if it is this many times the usual step of the samples about it away from all but two of its
 # neighbours on either side.
 _FAR, _NEIGHBOURS, _STEPS = 5.0, 3, 7
+# A sample that is missed by so many times what is usual is beside a change of the slope.
+_KINK = 8.0
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,8 @@ class Signal:
     def interpolation_error(self) -> float:
         """Return about the largest error of a value between two samples: each is predicted from its neighbours.
 
-        A sample is missed by x'' h^2 / 2, the middle between two by a quarter of that. Noise counts as error.
+        A sample is missed by x'' h^2 / 2, the middle between two by a quarter of that; by as much where the slope
+        changes at once, which shows as a few samples missed by far more than the others. Noise counts as error.
         """
         if len(self.time_ns) < 3:
             return 0.0
@@ -134,7 +137,10 @@ class Signal:
         left, right = apart[:-1][near], apart[1:][near]
         guessed = self._between(self.values[:-2][near], self.values[2:][near], (left / (left + right))[:, None])
         missed = np.linalg.norm(differences(self.values[1:-1][near], guessed), axis=1)
-        return float((0.25 * missed * np.maximum(left, right) / np.minimum(left, right)).max(initial=0.0))
+        missed *= np.maximum(left, right) / np.minimum(left, right)
+        if not len(missed):
+            return 0.0
+        return float(np.where(missed > _KINK * np.median(missed), missed, 0.25 * missed).max())
 
     def _between(self, first: Array, second: Array, share: Array) -> Array:
         if not self.turns:

@@ -169,6 +169,8 @@ def verdict(found: Comparison) -> str:
     beyond = [name for name in found.beyond if name in found.differences]
     missing = _each(name for name in found.beyond if name not in found.differences)
     judged = f"; BEYOND {_most(found)}: {_each(beyond)}" if beyond else ""
+    if beyond and all(found.differences[name].max <= found.differences[name].interpolation for name in beyond):
+        judged += ", by no more than interpolation adds: compare at times that both have"
     return bits + judged + (f"; CANNOT JUDGE what is not in both: {missing}" if missing else "")
 
 

@@ -17,22 +17,27 @@ from rb_dynamics.numerics.argument_checks import mapping
 _PART = re.compile(r"([^.\[\]]+)((?:\[[0-9]{1,6}\])*)")
 
 
+_EITHER = (("solver", "step", "accuracy"), ("initial", "linear_velocity_world", "linear_velocity_body"))
+"""Section and keys of which it has one."""
+
+
 def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
     """Set each dotted key of `overrides` in `document`; keys without a place there are added to `problems`.
 
-    `solver.step` replaces `solver.accuracy` and vice versa, unless both are overridden.
+    `solver.step` replaces `solver.accuracy` and vice versa, unless both are overridden; the two linear velocities, too.
     """
     for key, value in mapping(overrides, "overrides", "write {'body.mass': 2.0}").items():
         _set(document, str(key), from_python(value), problems)
-    for given, other in (("step", "accuracy"), ("accuracy", "step")):
-        if f"solver.{given}" in overrides and f"solver.{other}" not in overrides:
-            _drop_from_solver(document, other)
+    for section, one, two in _EITHER:
+        for given, other in ((one, two), (two, one)):
+            if f"{section}.{given}" in overrides and f"{section}.{other}" not in overrides:
+                _drop(document, section, other)
 
 
-def _drop_from_solver(document: Node, name: str) -> None:
-    solver = document.value.get("solver") if isinstance(document.value, dict) else None
-    if solver is not None and isinstance(solver.value, dict):
-        solver.value.pop(name, None)
+def _drop(document: Node, section: str, name: str) -> None:
+    found = document.value.get(section) if isinstance(document.value, dict) else None
+    if found is not None and isinstance(found.value, dict):
+        found.value.pop(name, None)
 
 
 def _set(document: Node, key: str, new: Node, problems: Problems) -> None:

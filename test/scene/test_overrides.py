@@ -94,6 +94,12 @@ def test_step_and_accuracy_replace_each_other(solver: str, overrides: dict[str, 
     assert parse_scene(text, overrides=overrides).solver == expected
 
 
+def test_the_linear_velocity_in_other_axes_replaces_that_of_the_file() -> None:
+    text = "body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\ninitial: {linear_velocity_body: [1, 2, 3]}\n"
+    scene = parse_scene(text, overrides={"initial.linear_velocity_world": [4.0, 5.0, 6.0]})
+    assert scene.initial.linear_velocity_world == (4.0, 5.0, 6.0)
+
+
 @pytest.mark.parametrize(
     ("overrides", "fragment"),
     [

@@ -144,6 +144,18 @@ def test_a_held_out_flight_of_another_body_is_named_and_fails() -> None:
     assert found.unexplained[0].startswith("the fit does not predict what was held out: residuals of")
 
 
+def test_a_scene_with_the_velocity_in_body_axes_is_fitted() -> None:
+    """As of a file with the first row of `inspect`: the start that was found stood beside it, and it was refused."""
+    random = np.random.default_rng(14)
+    body = random_body(random)
+    text = guess(body).text
+    assert "initial" not in text
+    scene = parse_scene(text + "\ninitial: {linear_velocity_body: [0.1, 0.2, 0.3]}\n")
+    found = identify(scene, [flown(body, random, torque=1.0, force=2.0, pose=1e-3)], ["inertia"])
+    assert "linear_velocity_world" in found.scene.text
+    assert "linear_velocity_body" not in found.scene.text
+
+
 def test_a_sample_that_is_recorded_twice_counts_once() -> None:
     random = np.random.default_rng(12)
     body = random_body(random)
