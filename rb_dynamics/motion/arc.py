@@ -12,7 +12,6 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
-from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
@@ -21,10 +20,11 @@ from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.propagation import ArcState
 from rb_dynamics.motion.stateful_kernel import StatefulSteps, stateful_kernels
+from rb_dynamics.motion.steady_load import steady_time
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
-from rb_dynamics.numerics.vector import Vector, add, add_scaled, norm, scale, subtract
+from rb_dynamics.numerics.rotation import Quaternion
+from rb_dynamics.numerics.vector import Vector, norm, scale
 
 LoadFrom = Callable[[PhaseState], Load]
 """Returns the load in addition to the held wrench, for a step that starts in a phase."""
@@ -38,9 +38,9 @@ class LoadScales(NamedTuple):
     Attributes:
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
         sight: for how long (s) the load in a phase predicts the load ahead.
-        strength: the sum of the magnitudes (N) of the effects' forces in a phase.
-        numbers: load and predictions as numbers for kernels, see `compiled_load.py`; empty if there is no such form.
-        wheels: likewise for reaction wheels, see `WheelSet.numbers`.
+        strength: the sum of the magnitudes (N) of their forces in a phase.
+        numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
+        wheels: for kernels too, how wheels turn that act beside `numbers`, see `WheelSet.now`.
         settled: when (s of the run) the load stops changing gradually; infinite for other loads.
     """
 
@@ -56,8 +56,6 @@ Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, Ste
 """Return the method and its control for the motion after a phase; both controls use the same unit of time."""
 
 _NO_SCALES = LoadScales()
-
-_EPSILON = 2.0**-52
 
 _CHOOSE_AGAIN = 64
 
@@ -393,7 +391,7 @@ class Stepper:
         1, 2, 4 ... ns. Without this limit, a first step whose stages all lie beyond a thin layer would miss it and be
         accepted.
         """
-        if self._load_from is None or not 1.0 / NANOSECONDS < longest < math.inf:
+        if self._load_from is None:
             return longest
         return _steady(self._load_from, self._inertia, self._held, phase, longest)
 
@@ -413,22 +411,5 @@ class Stepper:
 # Cached, because each candidate of `auto` requests the same.
 @lru_cache(maxsize=1)
 def _steady(load_from: LoadFrom, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
-    """As `Stepper.steady`."""
-    load, (mass, moments), omega = load_from(phase), inertia, phase.angular_velocity
-    velocity = scale(1.0 / mass, phase.linear_momentum_world)
-    half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))
-    seen: list[tuple[float, Vector, Vector]] = []
-    for t in (0.0, *(longest * 2.0**-k for k in range(int(math.log2(longest * NANOSECONDS)), -1, -1))):
-        away = add_scaled(scale(t, velocity), t * t, half_acceleration)
-        try:
-            seen.append((t, *load(t, away, velocity, multiply(phase.orientation, exp(scale(t, omega))), omega)))
-        except ConvergenceError:
-            break
-    # A change within the rounding error of the velocities does not count.
-    least = _EPSILON / longest
-    force = max([least * mass * norm(velocity), *(0.5 * norm(sight[1]) for sight in seen)])
-    torque = max([least * min(moments) * (norm(omega) + 1.0 / longest), *(0.5 * norm(sight[2]) for sight in seen)])
-    for t, push, twist in seen:
-        if norm(subtract(push, seen[0][1])) > force or norm(subtract(twist, seen[0][2])) > torque:
-            return t
-    return longest
+    """Return what `Stepper.steady` does."""
+    return steady_time(load_from(phase), inertia, held, phase, longest)

@@ -33,8 +33,8 @@ CANDIDATES: Mapping[LoadDependence, tuple[str, ...]] = MappingProxyType(
 )
 """The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""
 
-# Number of attempts to find the longest stride; each can lengthen it fivefold.
-_TRIALS = 12
+TRIALS = 12
+"""Attempts to find the longest stride; each can lengthen it fivefold."""
 
 
 def cheapest(
@@ -56,7 +56,7 @@ def cheapest(
     failure: ConvergenceError | None = None
     for method in candidates:
         price = COST_OF_A_STEP[method.name]
-        if best is not None and _TRIALS * price > best[0] * rest:
+        if best is not None and TRIALS * price > best[0] * rest:
             continue
         control = control_for(method)
         try:
@@ -79,7 +79,7 @@ def longest_stride(control: StepControl, advance: Stepper, phase: PhaseState) ->
         ConvergenceError: no stride meets the accuracy.
     """
     longest = 0.0
-    for _ in range(_TRIALS):
+    for _ in range(TRIALS):
         stride = advance.stride(control, phase)[0] / (control.denominator * NANOSECONDS)
         control.begin()
         if stride < 1.2 * longest:

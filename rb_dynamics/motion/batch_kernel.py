@@ -271,8 +271,8 @@ class Mover:
         if self._lanes is not None and bodies >= FEWEST:
             blocks = self._lanes.get(bodies * schedule.steps, bodies * schedule.steps)
             if blocks is not None:
-                parts = _parts(bodies, LANES, threads, schedule.steps)
-                finite = _each(lambda part: blocks(properties, *schedule, state, after, *part), parts)
+                parts = parts_of(bodies, LANES, threads, schedule.steps)
+                finite = each_part(lambda part: blocks(properties, *schedule, state, after, *part), parts)
                 left = left[:0] if all(finite) else _not_finite(after)
         if self._one_by_one is not None and len(left) > 0:
             single = self._one_by_one.get(len(left) * schedule.steps, len(left) * schedule.steps)
@@ -285,7 +285,7 @@ class Mover:
                     for i in left[part[0] : part[1]].tolist():
                         single(properties, *schedule, state, after, no_trace, i, i + 1)
 
-                _each(some, _parts(len(left), 1, threads, schedule.steps))
+                each_part(some, parts_of(len(left), 1, threads, schedule.steps))
                 left = _not_finite(after)
         for i in left.tolist():
             try:
@@ -383,7 +383,7 @@ def _on_demand(
     return fixed_step_kernel.OnDemand(name, specialise(template, full, run=one), signature)
 
 
-def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:
+def parts_of(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int, int]]:
     """Return ranges of bodies, one per thread if that is worth it, with lengths that are multiples of `least`."""
     blocks = -(-bodies // least)
     count = max(1, min(threads, blocks, bodies * steps // WORTH_A_THREAD))
@@ -391,7 +391,7 @@ def _parts(bodies: int, least: int, threads: int, steps: int) -> list[tuple[int,
     return list(pairwise(ends))
 
 
-def _each(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
+def each_part(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
     """Return the results of `do` for each part, each in its own thread, the first in this one."""
     others = [_pool(len(parts) - 1).submit(do, part) for part in parts[1:]]
     try:

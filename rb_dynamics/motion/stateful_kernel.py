@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, has_effects
 from rb_dynamics.loads.load import evaluated
-from rb_dynamics.loads.wheel_set import inner_torque, length_of, momentum_in, states_of
+from rb_dynamics.loads.wheel_numbers import inner_torque, length_of, momentum_in, states_of
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.inner_states import difference
@@ -37,15 +37,15 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, s
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
-# Layout of the array of a kernel: body and wrench, phase, second result of a pair, number of the next stage, and the
-# weights of the tableau, in a row for each stage and three for the result and its errors. Then `WheelSet.numbers`; and
-# of the inner states: sums, rounding errors of the sums, values at a stage, and rates, first at the present stage, then
-# at each stage. The numbers of the effects come last.
-_OTHER = CONSTANTS + PHASE
-_STAGE = _OTHER + PHASE
-_ROWS = _STAGE + 1
+# Where things stand among the numbers that a kernel is given: body and wrench, the phase, the other result of a pair,
+# the number of the next stage, and the weights of the tableau, a row for each stage and three for the result and its
+# errors. Then `WheelSet.now`; of all states their sums, the rounding errors of these, their values at a stage, and
+# their rates, first those of this stage, then of each. At the end come the numbers of the effects.
+OTHER = CONSTANTS + PHASE
+STAGE = OTHER + PHASE
+_ROWS = STAGE + 1
 _MOST_STAGES = 12
-_WHEELS = _ROWS + _MOST_STAGES * (_MOST_STAGES + 3)
+WHEELS = _ROWS + _MOST_STAGES * (_MOST_STAGES + 3)
 _OF_EACH_STATE = 4 + _MOST_STAGES
 _RESULT, _FIFTH, _THIRD = _MOST_STAGES, _MOST_STAGES + 1, _MOST_STAGES + 2
 _SIGNATURE = "void(float64[::1], float64)"
@@ -82,49 +82,55 @@ def evaluated_with_wheels(
     angular_velocity: Vector,
 ) -> tuple[Vector, Vector]:
     """Return force (N, world axes) and torque (N m, principal axes) at the next stage of the tableau."""
-    c, force, torque, stage = load.numbers, ZERO, ZERO, int(load.numbers[_STAGE])
-    m, sums, states = _layout(c)
+    c, force, torque, stage = load.numbers, ZERO, ZERO, int(load.numbers[STAGE])
+    m, sums, states = layout(c)
+    _gain(c, load.h, stage, stage)
     for k in range(m):
-        c[states + k] = (c[sums + k] + c[sums + m + k]) + _gained(c, load.h, stage, k)
+        c[states + k] = (c[sums + k] + c[sums + m + k]) + c[states + k]
     if has_effects(c):
         at = EffectLoad(c, load.time, load.position)
         force, torque = evaluated_by_numbers(at, t, displacement, velocity, orientation, angular_velocity)
     held = add(load.held.torque_body, rotate_inverse(orientation, load.held.torque_world))
     outside = add(held, torque)
-    inner = inner_torque(c, _WHEELS, states, load.moments, outside, orientation, angular_velocity)
+    inner = inner_torque(c, WHEELS, states, load.moments, outside, orientation, angular_velocity)
     rates = states + m
     for k in range(m):
         c[rates + (stage + 1) * m + k] = c[rates + k]
-    c[_STAGE] = stage + 1.0
+    c[STAGE] = stage + 1.0
     return force, add(torque, inner)
 
 
-def _layout(c: Numbers) -> tuple[int, int, int]:
-    """Return the number of inner states, and the offsets of their sums and of their values at a stage."""
-    m, sums = states_of(c, _WHEELS), _WHEELS + length_of(c, _WHEELS)
+def layout(c: Numbers) -> tuple[int, int, int]:
+    """Return how many states there are, and where their sums and their values at a stage stand."""
+    m, sums = states_of(c, WHEELS), WHEELS + length_of(c, WHEELS)
     return m, sums, sums + 2 * m
 
 
-def _gained(c: Numbers, h: float, row: int, k: int) -> float:
-    """Return h times the sum of the rates of state k, weighted by a row of the tableau."""
-    m, _, states = _layout(c)
-    rates, weights, gained = states + 2 * m + k, _ROWS + row * _MOST_STAGES, 0.0
-    for stage in range(_MOST_STAGES):
+def _gain(c: Numbers, h: float, row: int, stages: int) -> None:
+    """Write h times the sums of the rates at the first stages, with the weights of a row, to where the states stand."""
+    m, _, states = layout(c)
+    weights, rates = _ROWS + row * _MOST_STAGES, states + 2 * m
+    for k in range(m):
+        c[states + k] = 0.0
+    for stage in range(stages):
         if c[weights + stage] != 0.0:
-            gained += c[weights + stage] * c[rates + stage * m]
-    return h * gained
+            for k in range(m):
+                c[states + k] += c[weights + stage] * c[rates + stage * m + k]
+    for k in range(m):
+        c[states + k] = h * c[states + k]
 
 
 def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> CompiledWheelLoad:
     """Return the load of a step from `start`, before its first stage."""
-    c[_STAGE] = 0.0
+    c[STAGE] = 0.0
     return CompiledWheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
 
 
 def _grow_states(c: Numbers, h: float) -> None:
-    m, sums, _ = _layout(c)
+    m, sums, states = layout(c)
+    _gain(c, h, _RESULT, _MOST_STAGES)
     for k in range(m):
-        c[sums + k], c[sums + m + k] = two_sum(c[sums + k], _gained(c, h, _RESULT, k), c[sums + m + k])
+        c[sums + k], c[sums + m + k] = two_sum(c[sums + k], c[states + k], c[sums + m + k])
 
 
 def _step(*arguments: Any) -> Increment:
@@ -154,12 +160,16 @@ def _pair_on_numbers(c: Numbers, h: float) -> None:
     step, other = _pair(inertia, held, h, velocity, start.orientation, start.angular_velocity, load)
     high, low = grown(start.high, start.low, step, h)
     write_phase(c, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
-    m, _, states = _layout(c)
+    m, _, states = layout(c)
+    _gain(c, h, _FIFTH, _MOST_STAGES)
     for k in range(m):
-        c[states + k] = difference(_gained(c, h, _FIFTH, k), _gained(c, h, _THIRD, k))
-    omega = add_scaled(other.angular_velocity, 1.0, divide(momentum_in(c, _WHEELS, states), inertia.moments))
+        c[states + m + k] = c[states + k]
+    _gain(c, h, _THIRD, _MOST_STAGES)
+    for k in range(m):
+        c[states + k] = difference(c[states + m + k], c[states + k])
+    omega = add_scaled(other.angular_velocity, 1.0, divide(momentum_in(c, WHEELS, states), inertia.moments))
     high, low = grown(start.high, start.low, other, h)
-    write_phase(c, _OTHER, PhaseState(other.orientation, omega, high, low))
+    write_phase(c, OTHER, PhaseState(other.orientation, omega, high, low))
     _grow_states(c, h)
 
 
@@ -198,7 +208,11 @@ def _weights(tableau: SparseTableau) -> bytes:
 
 
 class StatefulSteps:
-    """Takes the steps of one arc with wheels, by kernels."""
+    """Steps of one arc with wheels, by kernels.
+
+    Attributes:
+        numbers: that the kernels are given, as bytes, without phase and states.
+    """
 
     def __init__(
         self,
@@ -208,13 +222,13 @@ class StatefulSteps:
         wheels: Sequence[float],
         effects: Sequence[float],
     ) -> None:
-        """Use a held wrench, wheels (`WheelSet.numbers`) and effects (`effect_numbers`)."""
+        """Take steps under a held wrench, wheels (`WheelSet.now`) and effects (`effect_numbers`)."""
         self._kernels = kernels
         count = states_of(wheels, 0)
         before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))
         behind = (*wheels, *(0.0,) * (_OF_EACH_STATE * count), *effects)
-        self._numbers = _packed(before) + kernels.weights + _packed(behind)
-        self._sums = Struct(f"{2 * count}d"), 8 * (_WHEELS + len(wheels))
+        self.numbers = _packed(before) + kernels.weights + _packed(behind)
+        self._sums = Struct(f"{2 * count}d"), 8 * (WHEELS + len(wheels))
 
     def step(self, phase: PhaseState, h: float) -> PhaseState | None:
         """Return the phase after a step of h s; None if plain Python has to take it."""
@@ -226,7 +240,7 @@ class StatefulSteps:
         numbers = None if self._kernels.pair is None else self._after(self._kernels.pair, phase, h)
         if numbers is None:
             return None
-        after, other = self._phase(numbers), _PHASE.unpack_from(numbers, 8 * _OTHER)
+        after, other = self._phase(numbers), _PHASE.unpack_from(numbers, 8 * OTHER)
         return None if after is None or not all(map(math.isfinite, other)) else (after, phase_of(other))
 
     def _after(self, kernel: OnDemand, phase: PhaseState, h: float) -> bytearray | None:
@@ -234,7 +248,7 @@ class StatefulSteps:
         compiled = kernel.get(1.0, 1.0)
         if compiled is None:
             return None
-        numbers, (sums, at) = bytearray(self._numbers), self._sums
+        numbers, (sums, at) = bytearray(self.numbers), self._sums
         q, w, high, low = phase
         _PHASE.pack_into(numbers, 8 * CONSTANTS, *q, *w, *high[:SUMS], *low[:SUMS])
         sums.pack_into(numbers, at, *high[SUMS:], *low[SUMS:])

@@ -345,8 +345,8 @@ class AccuracyControl:
         return length, after
 
     def guess(self, phase: PhaseState, advance: Advance) -> Learnt:
-        """Return the learnt state, with a guess for the next stride from `phase` on."""
-        return self.learnt._replace(step=self.learnt.step or advance.steady(phase, _first(self.goal, phase)))
+        """Return what is learnt, with a guess for the next stride from `phase` on."""
+        return self.learnt._replace(step=self.learnt.step or advance.steady(phase, first_guess(self.goal, phase)))
 
     def start(self) -> None:
         """Forget what applies only to the last arc: another wrench has other errors."""
@@ -392,7 +392,7 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
 
     `trials` is passed to `_attempt`: in a kernel, body and wrench.
     """
-    h = learnt.step if learnt.step > 0.0 else _first(goal, phase)
+    h = learnt.step if learnt.step > 0.0 else first_guess(goal, phase)
     while True:
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
@@ -501,7 +501,8 @@ def _longest_step(advance: Advance, phase: PhaseState, accuracy: float, horizon:
     return advance.longest_step(phase, accuracy, horizon)
 
 
-def _first(goal: Goal, phase: PhaseState) -> float:
+def first_guess(goal: Goal, phase: PhaseState) -> float:
+    """Return a guess for the first stride, s."""
     rate = norm(phase.angular_velocity)
     return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
 

@@ -24,9 +24,9 @@ from rb_dynamics.numerics.object_code import Native, ObjectCode, processor
 
 _PACKAGE = Path(__file__).parents[1]
 # The folders whose functions kernels may call.
-_MADE_OF = ("numerics", "body", "loads", "motion")
+_MADE_OF = ("numerics", "body", "loads", "sensors", "motion")
 _F = TypeVar("_F", bound=Callable[..., Any])
-_MARK, _BY = "__compiled_as__", "__compiled_by__"
+_MARK, _BY, _CALLED = "__compiled_as__", "__compiled_by__", "__compiled_apart__"
 _MONTH = 30 * 86400.0
 _log = logging.getLogger(__name__)
 
@@ -62,6 +62,12 @@ def compiled_by(function: Callable[..., Any], first: type) -> Callable[[_F], _F]
     return mark
 
 
+def compiled_apart(function: _F) -> _F:
+    """Mark a function that compiled code calls and does not inline: it is large, and called from several places."""
+    setattr(function, _CALLED, True)
+    return function
+
+
 def workspace(n: int) -> list[float]:
     """Return n zeros to overwrite: a list in plain Python, memory on the stack when compiled.
 
@@ -83,6 +89,11 @@ def block(rows: int, lanes: int) -> Any:
 def lane(i: int) -> int:
     """Return i >= 0; unsigned when compiled, so that indexing needs no check for negative indices."""
     return i
+
+
+def high_word(a: int, b: int) -> int:
+    """Return the upper 64 bits of the product of two words of 64 bits, unsigned when compiled; see `lane`."""
+    return (a * b) >> 64
 
 
 def specialise(template: Callable[..., Any], name: str, **names: object) -> Callable[..., Any]:
@@ -240,6 +251,7 @@ def _numba() -> Any:
 
 
 def _provide_workspace() -> None:
+    from llvmlite.ir import IntType as Type
     from numba import types as numba_types
     from numba.core import cgutils
     from numba.extending import intrinsic, overload
@@ -281,7 +293,16 @@ def _provide_workspace() -> None:
     def unsigned(_context: Any, i: Any) -> Any:
         return types.uint64(i), lambda _context, _builder, _signature, arguments: arguments[0]
 
+    def upper_half(_context: Any, a: Any, b: Any) -> Any:
+        def build(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            wide = Type(128)
+            product = builder.mul(*(builder.zext(each, wide) for each in arguments))
+            return builder.trunc(builder.lshr(product, wide(64)), arguments[0].type)
+
+        return types.uint64(a, b), build
+
     block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
+    upper_word = intrinsic(upper_half)
 
     # Inlined before compilation, so that the memory belongs to the caller. Both lambdas need the same arguments.
     # ruff: noqa: ARG005, PLW0108
@@ -290,9 +311,10 @@ def _provide_workspace() -> None:
         lambda rows, lanes: lambda rows, lanes: block_on_stack(rows, lanes)
     )
     overload(lane, inline="always")(lambda i: lambda i: as_unsigned(i))
+    overload(high_word, inline="always")(lambda a, b: lambda a, b: upper_word(a, b))
 
 
-_registered: dict[int, object] = {id(provided): provided for provided in (workspace, block, lane)}
+_registered: dict[int, object] = {id(provided): provided for provided in (workspace, block, lane, high_word)}
 
 
 def _register(function: Any) -> None:
@@ -309,7 +331,8 @@ def _register(function: Any) -> None:
     (implementation,) = _implementations(function)
     if hasattr(function, _MARK):
         implementation = _constant(getattr(function, _MARK))
-    overload(function, jit_options=_OPTIONS, strict=False)(lambda *_, **__: implementation)
+    options = _APART if hasattr(function, _CALLED) else _OPTIONS
+    overload(function, jit_options=options, strict=False)(lambda *_, **__: implementation)
 
 
 def _implementations(function: Any) -> list[Any]:

@@ -12,18 +12,29 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
 
 
+class SampleTimes:
+    """When a sensor takes its samples: number k at k / rate, rounded to a nanosecond."""
+
+    def __init__(self, rate: float) -> None:
+        """Take so many samples a second."""
+        self._period, self._parts = (NANOSECONDS / Fraction(repr(rate))).as_integer_ratio()
+
+    def of(self, sample: int) -> int:
+        """Return the time of a sample, ns."""
+        return (2 * sample * self._period + self._parts) // (2 * self._parts)
+
+
 class _Measuring:
-    """One sensor in a run: sample number k is taken at k / rate, rounded to a nanosecond."""
+    """One sensor in a run."""
 
     def __init__(self, sensor: Sensor, reading: Reading) -> None:
         self.topic, self.delay_ns, self._reading = sensor.name, nanoseconds(sensor.delay), reading
-        self._period, self._parts = (NANOSECONDS / Fraction(repr(sensor.rate))).as_integer_ratio()
-        self._sample = 0
+        self._times, self._sample = SampleTimes(sensor.rate), 0
 
     @property
     def due_ns(self) -> int:
-        """Time of its next sample."""
-        return (2 * self._sample * self._period + self._parts) // (2 * self._parts)
+        """When it takes its next sample."""
+        return self._times.of(self._sample)
 
     def take(self, truth: Truth) -> Measurement | None:
         """Take the next sample; None if it gives no message."""

@@ -84,7 +84,7 @@ class Plan:
         self._driven = False
         self._start_ns = begin_ns
         if self._method is not None:
-            self._choice.chosen = self._gradual_choice.chosen = self._method, self._control(self._method)
+            self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
             self.description = f"{self.name}, {self._steps(self._method)}"
         elif not scene.channels and _turns_nothing(scene):
             self.description = "auto: exact, as nothing turns the body"
@@ -207,9 +207,10 @@ class Plan:
         methods = tuple(METHODS[name] for name in CANDIDATES[self.takes])
         if self._scene.solver.step is not None:  # the most accurate, because it chooses no steps
             methods = methods[:1]
-        return cheapest(methods, self._control, stepper, phase, arc, rest)
+        return cheapest(methods, self.control_of, stepper, phase, arc, rest)
 
-    def _control(self, method: Method) -> StepControl:
+    def control_of(self, method: Method) -> StepControl:
+        """Return a control of the steps of a run by `method`, that of the scene or a candidate of `auto`."""
         solver = self._scene.solver
         if method.order is None:
             return WholeArc()

@@ -181,6 +181,12 @@ class SampleBuilder:
         return replace(found, potential_energy=cast("float", np.array([self._potential(point) for point in points])))
 
 
+def torque_impulse(first: Sample, sample: Sample) -> Vector:
+    """Return the impulse of the torque from outside since the `first` sample, without what went into internal parts."""
+    gained = subtract(sample.angular_momentum_world, first.angular_momentum_world)
+    return subtract(gained, sample.angular_momentum_defect_world)
+
+
 def acceleration(
     body: RigidBody, phase: PhaseState, held: HeldWrench, load: Load | None = None
 ) -> tuple[Vector, Vector]:

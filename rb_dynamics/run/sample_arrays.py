@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     Times = npt.NDArray[np.int64]
 
 
-def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
+def field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
     """Return a lazy field with the array that `compute` returns for rows of numbers."""
 
     @wraps(compute)
-    def field(samples: Samples) -> Numbers:
+    def read(samples: Samples) -> Numbers:
         import numpy as np
 
         # An energy beyond the range of doubles becomes infinite, as elsewhere.
@@ -36,7 +36,7 @@ def _field(compute: Callable[[Any], Any]) -> cached_property[Numbers]:
             found = compute(samples)
         return _read_only(np.stack(found, axis=-1) if isinstance(found, tuple) else np.asarray(found))
 
-    return cached_property(field)
+    return cached_property(read)
 
 
 def _read_only(array: Numbers) -> Numbers:
@@ -89,60 +89,60 @@ class Samples:
         """Return the number of rows."""
         return len(self._state)
 
-    @_field
+    @field
     def position_world(self) -> Any:
         """(..., 3), of the body origin, m."""
         return self._seen.position_world
 
-    @_field
+    @field
     def orientation_xyzw(self) -> Any:
         """(..., 4), body to world."""
         return self._seen.orientation_xyzw
 
-    @_field
+    @field
     def linear_velocity_world(self) -> Any:
         """(..., 3), of the body origin, m/s."""
         return self._seen.linear_velocity_world
 
-    @_field
+    @field
     def angular_velocity_body(self) -> Any:
         """(..., 3), rad/s."""
         return self._seen.angular_velocity_body
 
-    @_field
+    @field
     def angular_momentum_world(self) -> Any:
         """(..., 3), about the centre of mass, kg m^2/s."""
         return self._spin_of(self._phase, self._stored)
 
-    @_field
+    @field
     def linear_momentum_world(self) -> Any:
         """(..., 3), kg m/s."""
         return self._phase.linear_momentum_world
 
-    @_field
+    @field
     def kinetic_energy(self) -> Any:
         """(...), translation and rotation, J."""
         energy = kinetic_energy(self._body, self._phase)
         return energy if self._stored is None else energy + self._stored.energy
 
-    @_field
+    @field
     def work(self) -> Any:
         """(...), of the wrenches since the start, J."""
         work = self._phase.work
         return work if self._stored is None else work + (self._stored.energy - self._stored_before.energy)
 
-    @_field
+    @field
     def energy_defect(self) -> Any:
         """(...), T - T0 - work, J; see `SampleBuilder`."""
         body, phase = self._body, self._phase
         return kinetic_energy(body, phase) - kinetic_energy(body, _phase(self._began)) - phase.work
 
-    @_field
+    @field
     def impulse_world(self) -> Any:
         """(..., 3), integral of the force since the start, N s."""
         return self._phase.impulse_world
 
-    @_field
+    @field
     def torque_impulse_world(self) -> Any:
         """(..., 3), integral of the torque about the centre of mass since the start, N m s."""
         if self._stored is None:

@@ -11,7 +11,7 @@ from rb_dynamics.loads.ranges import Range, check_vector
 from rb_dynamics.loads.wrench import FixedFrame
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, norm, scale
-from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
+from rb_dynamics.sensors.random_numbers import Key, RandomNumbers, normal_numbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, diagonal
 
 if TYPE_CHECKING:
@@ -22,9 +22,18 @@ def _size(unit: str) -> Range:
     return Range(f"a number of 0 or more ({unit})", "write a size without a sign", least=0.0)
 
 
-def _turned(orientation: Quaternion, size: float, numbers: Four) -> Quaternion:
-    """Return an attitude with random errors of standard deviation `size` (rad) about the sensor's three axes."""
-    return normalize(multiply(orientation, exp(scale(size, numbers[:3])))) if size > 0.0 else orientation
+def turned(orientation: Quaternion, size: float, key: Key, lane: int, sample: int) -> Quaternion:
+    """Return an attitude that is off by three angles of standard deviation `size` (rad) about the sensor's axes."""
+    if not size > 0.0:
+        return orientation
+    a, b, c, _ = normal_numbers(key, sample, lane)
+    return normalize(multiply(orientation, exp(scale(size, (a, b, c)))))
+
+
+def moved(position: Vector, size: float, key: Key, lane: int, sample: int) -> Vector:
+    """Return a position that is off by `size` (m, standard deviation) along each axis."""
+    a, b, c, _ = normal_numbers(key, sample, lane)
+    return add_scaled(position, size, (a, b, c))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +63,7 @@ class StarTracker(Sensor):
 
         def read(sample: int, truth: Truth) -> tuple[float, ...]:
             true = multiply(truth.orientation_xyzw, place.orientation_xyzw)
-            return _turned(true, self.noise, random.normal(sample, 0))
+            return turned(true, self.noise, random.key, 0, sample)
 
         return read
 
@@ -89,14 +98,14 @@ class PoseSensor(Sensor):
 
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""
-        off, turned = self.position_noise * self.position_noise, self.orientation_noise * self.orientation_noise
-        covariance = diagonal((off, off, off, turned, turned, turned))
+        off, angle = self.position_noise * self.position_noise, self.orientation_noise * self.orientation_noise
+        covariance = diagonal((off, off, off, angle, angle, angle))
 
         def read(sample: int, truth: Truth) -> tuple[float, ...]:
             at = add(truth.position_world, rotate(truth.orientation_xyzw, place.position))
-            at = add_scaled(at, self.position_noise, random.normal(sample, 0)[:3])
+            at = moved(at, self.position_noise, random.key, 0, sample)
             true = multiply(truth.orientation_xyzw, place.orientation_xyzw)
-            return (*at, *_turned(true, self.orientation_noise, random.normal(sample, 1)), *covariance)
+            return (*at, *turned(true, self.orientation_noise, random.key, 1, sample), *covariance)
 
         return read
 

@@ -10,17 +10,41 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.argument_checks import number, vector
-from rb_dynamics.numerics.rotation import exp, rotate
+from rb_dynamics.numerics.rotation import Quaternion, exp, rotate
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled
-from rb_dynamics.sensors.random_numbers import Four, RandomNumbers
+from rb_dynamics.sensors.random_numbers import Key, RandomNumbers, normal_numbers
 from rb_dynamics.sensors.sensor import diagonal
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
+
+
+# From here on all doubles are whole numbers; adding and subtracting the other rounds smaller ones.
+_WHOLE, _ROUND = 2.0**51, 1.5 * 2.0**52
+
+
+class AxisNumbers(NamedTuple):
+    """What `measured` takes.
+
+    Attributes:
+        turn: rotation by the misalignment.
+        gain: of each axis.
+        white: standard deviation of the white noise in a sample.
+        step: of the random walk of the bias, from sample to sample.
+        limit: the range.
+        unit: the resolution.
+    """
+
+    turn: Quaternion
+    gain: Vector
+    white: float
+    step: float
+    limit: float
+    unit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,22 +109,20 @@ class AxisErrors:
             sizes["resolution"],
         )
 
-    def measuring(self, random: RandomNumbers, lane: int, rate: float) -> Callable[[int, Vector], Vector]:
-        """Return a function that adds the errors to true vectors, with noise of the lanes `lane` and `lane` + 1."""
+    def numbers(self, rate: float) -> AxisNumbers:
+        """Return the numbers of `measured` at so many samples a second."""
         white, step = self.noise_density * math.sqrt(rate), self.random_walk / math.sqrt(rate)
-        turn, gain, limit, unit = exp(self.misalignment), add((1.0, 1.0, 1.0), self.scale), self.range, self.resolution
-        bias = self.bias
+        gain = add((1.0, 1.0, 1.0), self.scale)
+        return AxisNumbers(exp(self.misalignment), gain, white, step, self.range, self.resolution)
+
+    def measuring(self, random: RandomNumbers, lane: int, rate: float) -> Callable[[int, Vector], Vector]:
+        """Begin to measure with noise of the lanes `lane` and `lane` + 1, which adds to what it gives."""
+        numbers, key, bias = self.numbers(rate), random.key, self.bias
 
         def measure(sample: int, true: Vector) -> Vector:
             nonlocal bias
-            x, y, z = rotate(turn, true)
-            found = add((gain[0] * x, gain[1] * y, gain[2] * z), bias)
-            if white > 0.0:
-                found = add_scaled(found, white, _three(random.normal(sample, lane)))
-            if step > 0.0:
-                bias = add_scaled(bias, step, _three(random.normal(sample, lane + 1)))
-            a, b, c = (min(limit, max(-limit, value)) for value in found)
-            return (round(a / unit) * unit, round(b / unit) * unit, round(c / unit) * unit) if unit > 0.0 else (a, b, c)
+            found, bias = measured(numbers, bias, key, lane, sample, true)
+            return found
 
         return measure
 
@@ -110,9 +132,30 @@ class AxisErrors:
         return diagonal((variance, variance, variance))
 
 
+def measured(n: AxisNumbers, bias: Vector, key: Key, lane: int, sample: int, true: Vector) -> tuple[Vector, Vector]:
+    """Return what the axes measure, and their bias at the next sample; noise is that of `lane` and the one after it."""
+    x, y, z = rotate(n.turn, true)
+    found, following = add((n.gain[0] * x, n.gain[1] * y, n.gain[2] * z), bias), bias
+    if n.white > 0.0:
+        a, b, c, _ = normal_numbers(key, sample, lane)
+        found = add_scaled(found, n.white, (a, b, c))
+    if n.step > 0.0:
+        a, b, c, _ = normal_numbers(key, sample, lane + 1)
+        following = add_scaled(bias, n.step, (a, b, c))
+    return (_shown(n, found[0]), _shown(n, found[1]), _shown(n, found[2])), following
+
+
+def _shown(n: AxisNumbers, value: float) -> float:
+    """Return a value within the range and at the resolution."""
+    value = min(n.limit, max(-n.limit, value))
+    if not n.unit > 0.0:
+        return value
+    steps = value / n.unit
+    if abs(steps) < _WHOLE:
+        # To the nearest whole number, as `round` does, and 0 for -0.
+        steps = (steps + _ROUND) - _ROUND + 0.0
+    return steps * n.unit
+
+
 AXIS_KEYS = tuple(field.name for field in fields(AxisErrors))
-"""Keys of the errors in a scene."""
-
-
-def _three(numbers: Four) -> Vector:
-    return numbers[:3]
+"""Their names in a scene."""

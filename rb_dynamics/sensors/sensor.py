@@ -22,6 +22,9 @@ from rb_dynamics.sensors.random_numbers import RandomNumbers
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
 
+DROPOUT = "/dropout"
+"""What follows the name of a sensor in that of the random numbers by which samples are lost."""
+
 COMMON_KEYS = ("name", "rate", "frame", "delay", "dropout")
 """Keys of every sensor, in addition to `type`."""
 
@@ -127,7 +130,7 @@ class Sensor:
         """Return the reading for a run."""
         measure, random = self.measuring(RandomNumbers(seed, self.name), self.fixed(frames)), None
         if self.dropout > 0.0:
-            random = RandomNumbers(seed, f"{self.name}/dropout")
+            random = RandomNumbers(seed, self.name + DROPOUT)
 
         def read(sample: int, truth: Truth) -> tuple[float, ...] | None:
             found = measure(sample, truth)

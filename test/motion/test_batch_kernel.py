@@ -122,7 +122,7 @@ def test_where_iterations_do_not_do_for_lanes_they_go_on_alone(monkeypatch: pyte
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize(("bodies", "least"), [(1, 64), (64, 64), (65, 64), (1000, 64), (1000, 1), (3, 1)])
 def test_parts_are_whole_blocks_and_leave_nobody_out(bodies: int, least: int, threads: int) -> None:
-    parts = batch_kernel._parts(bodies, least, threads, 10**6)
+    parts = batch_kernel.parts_of(bodies, least, threads, 10**6)
 
     assert len(parts) <= threads
     assert [i for first, last in parts for i in range(first, last)] == list(range(bodies))
@@ -130,4 +130,4 @@ def test_parts_are_whole_blocks_and_leave_nobody_out(bodies: int, least: int, th
 
 
 def test_a_short_way_takes_no_second_thread() -> None:
-    assert batch_kernel._parts(1000, 64, 8, 1) == [(0, 1000)]
+    assert batch_kernel.parts_of(1000, 64, 8, 1) == [(0, 1000)]

@@ -20,6 +20,7 @@ from rb_dynamics.study.campaign.block_propagation import (
     Bodies,
     Commands,
     InTurn,
+    New,
     SideBySide,
     go_side_by_side,
     step_ns,
@@ -32,6 +33,7 @@ from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import inputs
 from rb_dynamics.study.campaign.scenes import scenes_of
 from rb_dynamics.study.campaign.user_functions import FunctionError
+from rb_dynamics.study.campaign.wheel_bodies import NotTogetherError, WithWheels, alike
 
 if TYPE_CHECKING:
     import numpy as np
@@ -156,10 +158,15 @@ def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
     together = [run for run in runs if _on_grid(campaign, run)]
     if together and _together(campaign, together):
         return [together, *([run] for run in runs if not _on_grid(campaign, run))]
-    alike: dict[object, list[_Run]] = {}
+    found: dict[object, list[_Run]] = {}
     for run in runs:
-        alike.setdefault(turn_of(run.scene, campaign.control is not None) or run.number, []).append(run)
-    return list(alike.values())
+        found.setdefault(_shared(campaign, run) or run.number, []).append(run)
+    return list(found.values())
+
+
+def _shared(campaign: Campaign, run: _Run) -> object:
+    """Return what runs share that are executed together; None for one that is executed alone."""
+    return alike(run.scene, campaign.control) or turn_of(run.scene, campaign.control is not None)
 
 
 def _together(campaign: Campaign, runs: Sequence[_Run]) -> bool:
@@ -180,6 +187,8 @@ _Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
 
 def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
     """Execute `runs`; if one of them stops all, split them."""
+    if alike(runs[0].scene, campaign.control):
+        return _fly_with_wheels(campaign, runs, threads)
     metrics = MetricAccumulator(campaign, len(runs))
     try:
         failed = _advance(campaign, _bodies(campaign, runs, threads), runs, metrics)
@@ -189,6 +198,35 @@ def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Par
         half = len(runs) // 2
         return _fly(campaign, runs[:half], threads) + _fly(campaign, runs[half:], threads)
     return [(runs, metrics.results(), failed)]
+
+
+def _fly_with_wheels(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
+    """Execute runs with wheels side by side, and those alone that cannot be executed so."""
+    metrics, bodies = MetricAccumulator(campaign, len(runs)), None
+    try:
+        bodies = WithWheels([run.scene for run in runs], campaign.control is not None, threads)
+        failed = _advance(campaign, bodies, runs, metrics)
+        bodies.require_all()
+    except (NotTogetherError, FunctionError) as error:
+        if len(runs) > 1 and isinstance(error, FunctionError) and bodies is not None and not bodies.lacking:
+            half = len(runs) // 2
+            return _fly_with_wheels(campaign, runs[:half], threads) + _fly_with_wheels(campaign, runs[half:], threads)
+        return [_fly_alone(campaign, run) for run in runs]
+    apart = bodies.apart
+    places = {place: k for k, place in enumerate((~apart).nonzero()[0].tolist())}
+    together = [runs[place] for place in places]
+    found = {name: column[~apart] for name, column in metrics.results().items()}
+    alone = [_fly_alone(campaign, runs[place]) for place in apart.nonzero()[0].tolist()]
+    return [(together, found, {places[at]: why for at, why in failed.items() if at in places}), *alone]
+
+
+def _fly_alone(campaign: Campaign, run: _Run) -> _Part:
+    metrics = MetricAccumulator(campaign, 1)
+    try:
+        failed = _advance(campaign, Alone(run.scene, driven=campaign.control is not None), [run], metrics)
+    except (ConvergenceError, FunctionError) as error:
+        return [run], {}, {0: str(error)}
+    return [run], metrics.results(), failed
 
 
 def _bodies(campaign: Campaign, runs: Sequence[_Run], threads: int | None) -> Bodies:
@@ -273,24 +311,22 @@ class _Closed:
         """Return when the next command takes effect, `end_ns` if none waits."""
         return self._waiting[0][0] if self._waiting else end_ns
 
-    def commanded(self, time_ns: int) -> tuple[Commands, Commands, npt.NDArray[np.bool_]] | None:
-        """Return all commands that hold from now on, which of them are new, and for which runs; None if none is."""
+    def commanded(self, time_ns: int) -> tuple[Commands, New] | None:
+        """Return all commands that hold from now on, and which of them are new, for which runs; None if none is."""
         import numpy as np
 
-        new: Commands = {}
-        changed = np.zeros(len(self._groups[0][1]), dtype=np.bool_)
+        new: dict[str, npt.NDArray[np.bool_]] = {}
         while self._waiting and self._waiting[0][0] == time_ns:
             _, number, group = heapq.heappop(self._waiting)
             of_group = self._groups[group][1]
             for name, values in self._commands[number].items():
                 to = of_group.reshape(-1, *[1] * (values.ndim - 1))
                 self._held[name] = np.where(to, values, self._held.get(name, 0.0))
-                new = {**new, name: self._held[name]}
-            changed |= of_group
+                new[name] = new.get(name, False) | of_group
             if group == len(self._groups) - 1:
                 # The longest delay has passed.
                 del self._commands[number]
-        return (self._held, new, changed) if new else None
+        return (self._held, new) if new else None
 
 
 def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:

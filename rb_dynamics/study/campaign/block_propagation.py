@@ -1,8 +1,9 @@
 """The bodies of a block of runs: side by side in the kernels of `Ensemble`, in turn, or one alone.
 
 All give the same bits. Side by side is for runs with one method and a fixed step (or without effects and torque, in
-closed form), under effects that act all the time and have kernels. Others that no one commands go in turn, each
-through `Simulation` from observation to observation, and are looked at together; every other scene runs alone.
+closed form), under effects that act all the time and have kernels; runs with reaction wheels are in `wheel_bodies.py`.
+Others that no one commands go in turn, each through `Simulation` from observation to observation, and are looked at
+together; every other scene runs alone.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble, body_of_arrays, initial_phases
-from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.sample import Sample, torque_impulse
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
@@ -48,6 +49,9 @@ TORQUE, FORCE = "torque", "force"
 
 Commands: TypeAlias = "Mapping[str, Numbers]"
 """`TORQUE` and `FORCE`, (N, 3), and commands to actuators by their names, (N,)."""
+
+New: TypeAlias = "Mapping[str, npt.NDArray[np.bool_]]"
+"""Which of N bodies a command comes to, by its name."""
 
 
 def go_side_by_side(scenes: Sequence[Scene], driven: bool) -> bool:
@@ -104,8 +108,8 @@ class Bodies(Protocol):
     def onboard(self) -> OnboardValues:
         """Return what a controller can measure, at the last `samples`."""
 
-    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
-        """Hold `commands` from now on, of which `new` come now, for the bodies marked in `changed` (N,)."""
+    def hold(self, commands: Commands, new: New) -> None:
+        """Hold `commands` from now on, of which those of `new` come now, for the bodies marked there."""
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to a later time.
@@ -140,7 +144,7 @@ class SideBySide:
         """Return nothing; see `Bodies`: with sensors, a field or wheels, each body goes alone."""
         return OnboardValues()
 
-    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+    def hold(self, commands: Commands, new: New) -> None:
         """Hold the wrenches; see `Bodies`. On the grid of steps, holding the same ones again changes nothing."""
         self._ensemble.hold(commands.get(FORCE, 0.0), commands.get(TORQUE, 0.0))
 
@@ -214,7 +218,7 @@ class InTurn:
         """Return nothing; see `Bodies`: there is no controller."""
         return OnboardValues()
 
-    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+    def hold(self, commands: Commands, new: New) -> None:
         """Refuse; see `Bodies`.
 
         Raises:
@@ -274,13 +278,11 @@ class Alone:
         first, phase, began = self._first, self._run.phase, self._began
         self._seen = sample = self._run.sample_of(phase)
         columns = {name: np.array([getattr(sample, name)]) for name in _FIELDS}
-        torque_impulse = subtract(phase.torque_impulse_world, began.torque_impulse_world)
+        gained = subtract(phase.torque_impulse_world, began.torque_impulse_world)
         if self._inside:
-            # Without the part that went into internal parts, which only the torque on the body includes.
-            gained = subtract(sample.angular_momentum_world, first.angular_momentum_world)
-            torque_impulse = subtract(gained, sample.angular_momentum_defect_world)
+            gained = torque_impulse(first, sample)
         columns["impulse_world"] = np.array([subtract(phase.impulse_world, began.impulse_world)])
-        columns["torque_impulse_world"] = np.array([torque_impulse])
+        columns["torque_impulse_world"] = np.array([gained])
         if sample.wheel_speeds is not None:
             columns["wheel_speeds"] = np.array([sample.wheel_speeds])
         columns["clipped_commands"] = np.array([float(self._run.clipped)])
@@ -309,14 +311,14 @@ class Alone:
             silent=newest.silent,
         )
 
-    def hold(self, commands: Commands, new: Commands, changed: npt.NDArray[np.bool_]) -> None:
+    def hold(self, commands: Commands, new: New) -> None:
         """Hold the commands; see `Bodies`. What a channel or an actuator rejects is counted, as in the node."""
         if not new.keys().isdisjoint((TORQUE, FORCE)):
             force, torque = (self._vector(commands, name) for name in (FORCE, TORQUE))
             self._count(self._run.post, CHANNEL, Wrench(force, torque, self._body_frame, self._now_ns))
-        for name, values in new.items():
+        for name in new:
             if name not in (TORQUE, FORCE):
-                self._count(self._run.actuate, name + COMMAND, float(values[0]))
+                self._count(self._run.actuate, name + COMMAND, float(commands[name][0]))
 
     def _vector(self, commands: Commands, name: str) -> Vector:
         x, y, z = commands[name][0].tolist() if name in commands else ZERO

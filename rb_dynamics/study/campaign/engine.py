@@ -27,6 +27,7 @@ from rb_dynamics.study.campaign.distributions import Choice, Stepped
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.store import Store
+from rb_dynamics.study.campaign.wheel_bodies import alike, at_hand, known_ahead
 
 Progress = Callable[[int, int], None]
 """Called with the number of runs done and the number of all runs."""
@@ -120,11 +121,13 @@ def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
 
 
 def _block(campaign: Campaign, workers: int) -> int:
-    if goes_side_by_side(campaign):
+    base, control = Scenes(campaign).base, campaign.control
+    with_wheels = alike(base, control) is not None and at_hand(base)
+    if goes_side_by_side(campaign) or (with_wheels and known_ahead(control)):
         least, most = _FEW, SIDE_BY_SIDE
     else:
-        base, driven = Scenes(campaign).base, campaign.control is not None
-        least, most = 1, IN_TURN if base.combined_effects.compile and turn_of(base, driven) else ALONE
+        in_turn = base.combined_effects.compile and turn_of(base, control is not None)
+        least, most = 1, IN_TURN if in_turn or with_wheels else ALONE
     return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
 
 

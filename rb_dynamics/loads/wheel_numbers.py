@@ -1,0 +1,316 @@
+"""Reaction wheels as numbers: how each turns now, what wheels and body do to each other, and when that changes.
+
+A wheel is free, or it is held at a constant speed relative to the body: at rest by friction, or at its largest or its
+commanded speed by the drive. The functions run in plain Python and in kernels, with the same bits. In `c` they find the
+numbers of the wheels from i on, and their states from s on: one momentum about its axis for each, H = J (W + a . w).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rb_dynamics.numerics.compilation import compiled_apart
+from rb_dynamics.numerics.rotation import Quaternion, rotate
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, scale
+from rb_dynamics.numerics.vector import multiply as times
+
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.array_types import Numbers
+
+    Cells = Numbers | list[float]
+
+BOOKS = 6
+"""States behind the momenta: motor work, friction heat (J), and what the inner torque adds to those of the body: work
+(J) and impulse (N m s, world axes)."""
+
+BEFORE, EACH = 10, 17
+"""Numbers of all: how many wheels there are, and row by row the inverse of the inertia without the free ones; and of
+each, see below."""
+
+INERTIA, AXIS, VISCOUS, COULOMB, HELD, MOTOR, FRICTION, COMMAND = 0, 1, 4, 5, 6, 7, 8, 9
+"""Of each: its inertia and axis, viscous and Coulomb friction, how it is held, and while it is free the torque (N m) of
+the motor and the constant part of the friction; its command, N m or rad/s."""
+
+POINT, LOW, HIGH, LEFT, MOST_TORQUE, MOST_SPEED, BY_SPEED = 10, 11, 12, 13, 14, 15, 16
+"""The speed (rad/s) at which it may stay, where it is at one; the speeds below and above which it is no longer as free
+as it is; the point that it was released from at this very time; its limits; and whether a speed is commanded. NaN for
+no speed."""
+
+FREE, AT_SPEED, AT_REST = 0.0, 1.0, 2.0
+"""How a wheel is held."""
+
+
+def begin_wheel(c: Cells, i: int, k: int, speed: float) -> None:
+    """Let wheel k turn with `speed`, without a torque; where a speed is commanded, that of the start."""
+    a = _at(i, k)
+    c[a + HELD], c[a + COMMAND] = FREE, speed if c[a + BY_SPEED] != 0.0 else 0.0
+    c[a + POINT] = c[a + LEFT] = math.nan
+    _place(c, a, speed)
+
+
+def command_wheel(c: Cells, i: int, k: int, value: float, speed: float) -> None:
+    """Apply the command of wheel k, which turns with `speed`; `settle` then decides whether it is held."""
+    a = _at(i, k)
+    c[a + COMMAND], c[a + POINT] = value, _where(c, a)
+    # It is still at rest or at its largest speed; it does not stay at a speed that was commanded before.
+    if not _is_point(c, a, c[a + POINT]):
+        _place(c, a, speed)
+
+
+def move_on(c: Cells, i: int) -> None:
+    """Let time go on: wheels that were released have left their points."""
+    for k in range(int(c[i])):
+        c[_at(i, k) + LEFT] = math.nan
+
+
+def may_stay(c: Cells, i: int) -> bool:
+    """Return whether a wheel is where it may stay."""
+    found = False
+    for k in range(int(c[i])):
+        found = found or not math.isnan(_where(c, _at(i, k)))
+    return found
+
+
+@compiled_apart
+def settle(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega: Vector) -> None:
+    """Decide which wheels are held, under a torque from outside (principal axes).
+
+    First all wheels at a speed where they may stay are held; those that cannot be are released, until all others can.
+    What was decided before at this very time counts for nothing, so that commands of one time may come one by one.
+    """
+    for k in range(int(c[i])):
+        a = _at(i, k)
+        c[a + POINT] = _where(c, a)
+        c[a + HELD] = FREE if math.isnan(c[a + POINT]) else AT_REST if c[a + POINT] == 0.0 else AT_SPEED
+    released = True
+    while released:
+        invert_inertia(c, i, moments)
+        released = False
+        spin_up = spin_up_of(c, i, s, moments, torque, omega) if is_held(c, i) else ZERO
+        for k in range(int(c[i])):
+            speed = speed_of(c, i, s, k, omega)
+            way = _way_out(c, _at(i, k), spin_up, speed)
+            if way != 0.0:
+                _let_go(c, _at(i, k), way, speed)
+                released = True
+                break
+
+
+def is_held(c: Cells, i: int) -> bool:
+    """Return whether a wheel is held."""
+    found = False
+    for k in range(int(c[i])):
+        found = found or c[_at(i, k) + HELD] != FREE
+    return found
+
+
+def switches(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> bool:
+    """Return whether wheel k no longer turns as it does now; `spin_up` is w' if a wheel is held (`spin_up_of`)."""
+    a, speed = _at(i, k), speed_of(c, i, s, k, omega)
+    if c[a + HELD] != FREE:
+        return _way_out(c, a, spin_up, speed) != 0.0
+    return not c[a + LOW] <= speed <= c[a + HIGH]
+
+
+def switch_wheel(c: Cells, i: int, s: int, k: int, omega: Vector) -> None:
+    """Put wheel k, one that `switches`, to the point that it has just passed, unless it is held."""
+    a, speed = _at(i, k), speed_of(c, i, s, k, omega)
+    if c[a + HELD] == FREE:
+        c[a + POINT] = _nearest(c, a, c[a + LOW] if speed < c[a + LOW] else c[a + HIGH])
+
+
+def _at(i: int, k: int) -> int:
+    return i + BEFORE + k * EACH
+
+
+def _where(c: Cells, a: int) -> float:
+    """Return the point at which a wheel is, held or not; NaN elsewhere."""
+    return c[a + LEFT] if math.isnan(c[a + POINT]) else c[a + POINT]
+
+
+def _place(c: Cells, a: int, speed: float) -> None:
+    """Put a wheel where it is by its speed alone."""
+    if _is_point(c, a, speed):
+        c[a + POINT], c[a + LEFT] = speed, math.nan
+        return
+    _free(c, a, _below(c, a, speed), _above(c, a, speed), math.copysign(1.0, speed))
+
+
+def _let_go(c: Cells, a: int, way: float, speed: float) -> None:
+    """Release a wheel from its point, up (1) or down (-1)."""
+    point = c[a + POINT]
+    sign = way if point == 0.0 else math.copysign(1.0, point)
+    # It was caught within a nanosecond, and is past its point by that much.
+    if way > 0.0:
+        _free(c, a, min(point, speed), _above(c, a, point), sign)
+    else:
+        _free(c, a, _below(c, a, point), max(point, speed), sign)
+    c[a + LEFT] = point
+
+
+def _free(c: Cells, a: int, low: float, high: float, sign: float) -> None:
+    """Let a wheel turn freely between two speeds, with speeds of this sign."""
+    motor = c[a + COMMAND]
+    if c[a + BY_SPEED] != 0.0:
+        motor = -c[a + MOST_TORQUE] if low + high > 2.0 * c[a + COMMAND] else c[a + MOST_TORQUE]
+    c[a + HELD], c[a + MOTOR], c[a + FRICTION] = FREE, motor, -sign * c[a + COULOMB]
+    c[a + LOW], c[a + HIGH] = low, high
+    c[a + POINT] = c[a + LEFT] = math.nan
+
+
+# The speeds at which a wheel may stay: either limit, rest if friction can hold it, and the commanded speed.
+def _point(c: Cells, a: int, number: int) -> float:
+    if number == 0 and c[a + MOST_SPEED] < math.inf:
+        return -c[a + MOST_SPEED]
+    if number == 1 and c[a + MOST_SPEED] < math.inf:
+        return c[a + MOST_SPEED]
+    if number == 2 and c[a + COULOMB] > 0.0:
+        return 0.0
+    return c[a + COMMAND] if number == 3 and c[a + BY_SPEED] != 0.0 else math.nan
+
+
+def _is_point(c: Cells, a: int, speed: float) -> bool:
+    found = False
+    for number in range(4):
+        found = found or _point(c, a, number) == speed
+    return found
+
+
+def _below(c: Cells, a: int, speed: float) -> float:
+    low = -math.inf
+    for number in range(4):
+        point = _point(c, a, number)
+        low = point if low < point < speed else low
+    return low
+
+
+def _above(c: Cells, a: int, speed: float) -> float:
+    high = math.inf
+    for number in range(4):
+        point = _point(c, a, number)
+        high = point if speed < point < high else high
+    return high
+
+
+def _nearest(c: Cells, a: int, speed: float) -> float:
+    nearest = math.nan
+    for number in range(4):
+        point = _point(c, a, number)
+        if math.isnan(nearest) or abs(point - speed) < abs(nearest - speed):
+            nearest = point
+    return nearest
+
+
+def _way_out(c: Cells, a: int, spin_up: Vector, speed: float) -> float:
+    """Return which way a held wheel is released, if nothing can hold it: up (1), down (-1) or not at all (0)."""
+    if c[a + HELD] == FREE:
+        return 0.0
+    needed = c[a + INERTIA] * dot((c[a + AXIS], c[a + AXIS + 1], c[a + AXIS + 2]), spin_up)
+    point, command = c[a + POINT], c[a + COMMAND]
+    least = most = command
+    if c[a + BY_SPEED] != 0.0:
+        least = most = math.copysign(c[a + MOST_TORQUE], command - point)
+        if point == command:
+            least, most = -c[a + MOST_TORQUE], c[a + MOST_TORQUE]
+    if point == 0.0:
+        least, most = least - c[a + COULOMB], most + c[a + COULOMB]
+    else:
+        friction = -math.copysign(c[a + COULOMB], speed) - c[a + VISCOUS] * speed
+        least, most = least + friction, most + friction
+    if point == c[a + MOST_SPEED]:
+        least = -math.inf
+    elif point == -c[a + MOST_SPEED]:
+        most = math.inf
+    return -1.0 if needed > most else 1.0 if needed < least else 0.0
+
+
+def invert_inertia(c: Cells, i: int, moments: Vector) -> None:
+    """Write the inverse of the inertia without the free wheels: I - sum of J a a^T, symmetric."""
+    (a, b, c0), d, e, f = moments, 0.0, 0.0, 0.0
+    for k in range(int(c[i])):
+        j = c[_at(i, k) + INERTIA] if c[_at(i, k) + HELD] == FREE else 0.0
+        x, y, z = _axis_of(c, i, k)
+        a, b, c0, d, e, f = a - j * x * x, b - j * y * y, c0 - j * z * z, d - j * x * y, e - j * x * z, f - j * y * z
+    one, two, three = b * c0 - f * f, e * f - d * c0, d * f - e * b
+    s = 1.0 / (a * one + d * two + e * three)
+    four, five, six = s * (a * c0 - e * e), s * (d * e - a * f), s * (a * b - d * d)
+    one, two, three = s * one, s * two, s * three
+    c[i + 1], c[i + 2], c[i + 3] = one, two, three
+    c[i + 4], c[i + 5], c[i + 6] = two, four, five
+    c[i + 7], c[i + 8], c[i + 9] = three, five, six
+
+
+def length_of(c: Cells, i: int) -> int:
+    """Return how many numbers there are of the wheels whose numbers begin at i."""
+    return BEFORE + EACH * int(c[i])
+
+
+def states_of(c: Cells | Sequence[float], i: int) -> int:
+    """Return how many states the wheels have whose numbers begin at i."""
+    return int(c[i]) + BOOKS
+
+
+def inner_torque(
+    c: Cells, i: int, s: int, moments: Vector, torque: Vector, orientation: Quaternion, omega: Vector
+) -> Vector:
+    """Return the inner torque on the body (principal axes) under `torque` from outside, and write rates of the states.
+
+    The rates come behind the states in `c`.
+    """
+    spin_up, carried, n = spin_up_of(c, i, s, moments, torque, omega), ZERO, int(c[i])
+    for k in range(n):
+        j, axis = c[_at(i, k) + INERTIA], _axis_of(c, i, k)
+        carried = add_scaled(carried, j * speed_of(c, i, s, k, omega), axis)
+    inner, r = cross(carried, omega), s + n + BOOKS
+    motor = heat = power = 0.0
+    for k in range(n):
+        a, axis, speed = _at(i, k), _axis_of(c, i, k), speed_of(c, i, s, k, omega)
+        taken, held = c[a + INERTIA] * dot(axis, spin_up), c[a + HELD]
+        if held == FREE:
+            friction = c[a + FRICTION] - c[a + VISCOUS] * speed
+            on_wheel = c[a + MOTOR] + friction
+            inner = add_scaled(inner, taken - on_wheel, axis)
+        else:
+            on_wheel, friction = taken, 0.0
+            if held == AT_SPEED:
+                friction = -math.copysign(c[a + COULOMB], speed) - c[a + VISCOUS] * speed
+        c[r + k] = on_wheel
+        motor, heat = motor + (on_wheel - friction) * speed, heat - friction * speed
+        power += on_wheel * speed
+    c[r + n], c[r + n + 1], c[r + n + 2] = motor, heat, power - dot(inner, omega)
+    c[r + n + 3], c[r + n + 4], c[r + n + 5] = rotate(orientation, inner)
+    return inner
+
+
+def spin_up_of(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega: Vector) -> Vector:
+    """Return w' (principal axes) under `torque` from outside; see `inner_torque`."""
+    momentum, push = times(moments, omega), torque
+    for k in range(int(c[i])):
+        a, axis, speed = _at(i, k), _axis_of(c, i, k), speed_of(c, i, s, k, omega)
+        momentum = add_scaled(momentum, c[a + INERTIA] * speed, axis)
+        if c[a + HELD] == FREE:
+            push = add_scaled(push, -(c[a + MOTOR] + c[a + FRICTION] - c[a + VISCOUS] * speed), axis)
+    x, y, z = add(push, cross(momentum, omega))
+    one, two = (c[i + 1], c[i + 2], c[i + 3]), (c[i + 4], c[i + 5], c[i + 6])
+    return add(add(scale(x, one), scale(y, two)), scale(z, (c[i + 7], c[i + 8], c[i + 9])))
+
+
+def momentum_in(c: Cells, i: int, s: int) -> Vector:
+    """Return the sum of the momenta at s along their axes; see `inner_torque`."""
+    total = ZERO
+    for k in range(int(c[i])):
+        total = add_scaled(total, c[s + k], _axis_of(c, i, k))
+    return total
+
+
+def speed_of(c: Cells, i: int, s: int, k: int, omega: Vector) -> float:
+    """Return the speed (rad/s) of wheel k relative to the body."""
+    speed: float = c[s + k] / c[_at(i, k) + INERTIA] - dot(_axis_of(c, i, k), omega)
+    return speed
+
+
+def _axis_of(c: Cells, i: int, k: int) -> Vector:
+    a = _at(i, k) + AXIS
+    return (c[a], c[a + 1], c[a + 2])

@@ -1,0 +1,63 @@
+"""For how long a load stays close to what it is now: the first step is not to pass over a thin layer."""
+
+from __future__ import annotations
+
+import math
+
+from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.method import Inertia
+from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, total
+from rb_dynamics.numerics.compilation import workspace
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, norm, scale, subtract
+
+_EPSILON = 2.0**-52
+
+# Of each of the times, which are at most as many as a run of all nanoseconds has bits: time, force and torque.
+_EACH, _ALL = 7, 7 * 66
+
+
+def steady_time(load: Load, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
+    """Return for how long (s), at most `longest`, the load stays close to that in `phase`; see `Stepper.steady`."""
+    if not 1.0 / NANOSECONDS < longest < math.inf:
+        return longest
+    (mass, moments), omega, count = inertia, phase.angular_velocity, 0
+    velocity = scale(1.0 / mass, total(phase, MOMENTUM))
+    half_acceleration = scale(0.5 / mass, add(held.force_world, rotate(phase.orientation, held.force_body)))
+    # A change within the rounding error of the velocities does not count.
+    least = _EPSILON / longest
+    force = least * mass * norm(velocity)
+    torque = least * min(moments[0], moments[1], moments[2]) * (norm(omega) + 1.0 / longest)
+    seen, powers = workspace(_ALL), int(math.log2(longest * NANOSECONDS))
+    for number in range(powers + 2):
+        t = longest * 2.0 ** -(powers + 1 - number) if number > 0 else 0.0
+        away = add_scaled(scale(t, velocity), t * t, half_acceleration)
+        turned = multiply(phase.orientation, exp(scale(t, omega)))
+        known, push, twist = _seen(load, t, away, velocity, turned, omega)
+        if not known:
+            break
+        i, count = _EACH * count, count + 1
+        seen[i] = t
+        seen[i + 1], seen[i + 2], seen[i + 3] = push
+        seen[i + 4], seen[i + 5], seen[i + 6] = twist
+        force, torque = max(force, 0.5 * norm(push)), max(torque, 0.5 * norm(twist))
+    now = (seen[1], seen[2], seen[3]), (seen[4], seen[5], seen[6])
+    for number in range(count):
+        i = _EACH * number
+        push, twist = (seen[i + 1], seen[i + 2], seen[i + 3]), (seen[i + 4], seen[i + 5], seen[i + 6])
+        if norm(subtract(push, now[0])) > force or norm(subtract(twist, now[1])) > torque:
+            return float(seen[i])
+    return longest
+
+
+def _seen(
+    load: Load, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, omega: Vector
+) -> tuple[bool, Vector, Vector]:
+    """Return whether there is a load, force and torque. A kernel has its own version."""
+    try:
+        return True, *load(t, displacement, velocity, orientation, omega)
+    except ConvergenceError:
+        return False, ZERO, ZERO

@@ -1,0 +1,406 @@
+"""The kernel for many bodies with reaction wheels: each goes to a time, and gets its commands, in one compiled call.
+
+What happens to a body is what `simulation.py` and `arc.py` do, to the same bits: a command, or a wheel that switches
+between free and held, begins an arc; its steps lie on a grid that begins with it, and any other time is reached by a
+shorter step. The steps are those of the kernels in `stateful_kernel.py`. A body whose step is refused, or whose
+accuracy cannot be kept, is left behind: it has to be simulated alone, which raises the error.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.loads.compiled_load import EffectLoad, has_effects, load_scales, strength
+from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.wheel_numbers import (
+    command_wheel,
+    is_held,
+    may_stay,
+    move_on,
+    settle,
+    speed_of,
+    spin_up_of,
+    switch_wheel,
+    switches,
+)
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.auto_method import TRIALS
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at
+from rb_dynamics.motion.method import Inertia
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, total
+from rb_dynamics.motion.stateful_kernel import OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
+from rb_dynamics.motion.steady_load import steady_time
+from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, first_guess, rounding
+from rb_dynamics.numerics.compilation import compiled_apart, specialise
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale
+from rb_dynamics.numerics.vector import multiply as times
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+    Whole = npt.NDArray[np.int64]
+    Take = Callable[[Numbers, float], None]
+
+# Numbers of the arc of a body: goal, what is learnt and what will be after the next stride; then three phases with
+# their states: at the grid point, after the next stride, and at the last time.
+GOAL = 0
+LEARNT = GOAL + len(Goal._fields)
+FOLLOWING = LEARNT + len(Learnt._fields)
+GRID_POINT = FOLLOWING + len(Learnt._fields)
+
+# And its whole numbers: start of the arc (ns), length of the way to the grid point, strides that led there, length of
+# the next one (0 if it has not been chosen) and whether the phase after it is known; length of all strides (0 if each
+# is chosen), strides after which one is chosen anew (0 for never); arcs behind, the start of the last one that counts;
+# end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times between which
+# it is, as far as it has been looked for (-1 for none); the last time; whether the first arc has begun, and whether the
+# body is left behind.
+START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH, CHOOSE_AFTER, ARCS, COUNTED = range(9)
+SEARCHED, SWITCH, LOW, HIGH, TIME, BEGUN, LEFT_BEHIND, WHOLE = range(9, 17)
+
+
+def size_of(states: int) -> int:
+    """Return how many numbers a phase with so many states has."""
+    return PHASE + 2 * states
+
+
+def advance_all(
+    rows: Numbers,
+    arcs: Numbers,
+    whole: Whole,
+    commands: Numbers,
+    until_ns: int,
+    first: int,
+    last: int,
+    step: Take,
+    pair: Take,
+) -> None:
+    """Give the bodies from `first` up to `last` their commands, now, and let them go to a time.
+
+    Args:
+        rows: (N, ...), of each body the numbers of `stateful_kernel.py`.
+        arcs: (N, ...), see above.
+        whole: (N, `WHOLE`), likewise.
+        commands: (N, wheels), NaN for none.
+        until_ns: the time.
+        first: body.
+        last: behind the last body.
+        step: kernel of a step with wheels.
+        pair: kernel of an embedded pair with wheels; any other where steps are fixed.
+    """
+    for i in range(first, last):
+        if whole[i, LEFT_BEHIND] == 0 and not _advance(rows[i], arcs[i], whole[i], commands[i], until_ns, step, pair):
+            whole[i, LEFT_BEHIND] = 1
+
+
+def _advance(c: Numbers, f: Numbers, w: Whole, commands: Numbers, until_ns: int, step: Take, pair: Take) -> bool:
+    begins = w[BEGUN] == 0
+    w[BEGUN] = 1
+    _stand(c, f, _here(c))
+    omega, (_, _, states) = phase_at(c, CONSTANTS).angular_velocity, layout(c)
+    for k in range(len(commands)):
+        if not math.isnan(commands[k]):
+            command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
+            begins = True
+    good = True
+    if begins:
+        good = _begin_arc(c, f, w, pair)
+    while good:
+        good = _search(c, f, w, until_ns, step, pair)
+        switch = 0 <= w[SWITCH] <= until_ns
+        time_ns = w[SWITCH] if switch else until_ns
+        good = good and _reach(c, f, w, time_ns, step) and _all_finite(c)
+        if time_ns > w[TIME]:
+            move_on(c, WHEELS)
+        w[TIME] = time_ns
+        if not switch:
+            break
+        if good:
+            _switch(c)
+            good = _begin_arc(c, f, w, pair)
+    return good
+
+
+@compiled_apart
+def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+    """Begin an arc in the phase at the last time; return whether a stride can be chosen."""
+    _copy(f, _here(c), GRID_POINT, _size(c))
+    w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
+    w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
+    _stand(c, f, GRID_POINT)
+    phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
+    outside = _outside(c, phase) if may_stay(c, WHEELS) else ZERO
+    settle(c, WHEELS, states, (c[1], c[2], c[3]), outside, phase.angular_velocity)
+    if w[START] > w[COUNTED]:
+        w[COUNTED] = w[START]
+        w[ARCS] += 1
+    if w[CHOOSE_AFTER] > 0 and w[ARCS] & (w[ARCS] - 1) == 0 and not _learn(c, f, w, pair):
+        return False
+    # As `AccuracyControl.start` does.
+    f[LEARNT + 4] = 0.0
+    return True
+
+
+@compiled_apart
+def _learn(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+    """Learn the longest stride from the grid point on, as `auto` does; return whether there is one."""
+    if w[LENGTH] > 0:
+        return True
+    for k in range(LEARNT, GRID_POINT):
+        f[k] = 0.0
+    longest = 0.0
+    for _ in range(TRIALS):
+        if not _choose(c, f, w, pair):
+            return False
+        stride = w[STRIDE] / NANOSECONDS
+        _copy(f, FOLLOWING, LEARNT, 5)
+        w[STRIDE] = 0
+        if stride < 1.2 * longest:
+            break
+        longest = stride
+    return True
+
+
+@compiled_apart
+def _choose(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+    """Choose the next stride; return whether there is one."""
+    if w[LENGTH] > 0:
+        w[STRIDE], w[KNOWN] = w[LENGTH], 0
+        return True
+    _stand(c, f, GRID_POINT)
+    (inertia, held), phase = constants_at(c), phase_at(c, CONSTANTS)
+    slowing, sight = load_scales(c, _point(c, phase))
+    share, x, y, z = f[GOAL + 6], f[GOAL + 7], f[GOAL + 8], f[GOAL + 9]
+    ends, order, errors = f[GOAL + 2] != 0.0, f[GOAL + 4], f[GOAL + 5]
+    goal = Goal(f[GOAL], f[GOAL + 1], ends, f[GOAL + 3], order, errors, share, x, y, z, slowing, f[GOAL + 11])
+    guess, k = f[LEARNT], LEARNT
+    if guess == 0.0:
+        load = CompiledWheelLoad(c, 0.0, elapsed(phase), total(phase, POSITION), inertia.moments, held)
+        guess = _steady(load, inertia, held, phase, first_guess(goal, phase))
+    learnt = Learnt(min(guess, max(sight, 1.0 / NANOSECONDS)), f[k + 1], f[k + 2], f[k + 3], f[k + 4])
+    length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, pair))
+    if length == 0 or rounding(goal, phase, max(float(length), following.step * NANOSECONDS)) > goal.accuracy:
+        return False
+    _keep(c, f, GRID_POINT + _size(c))
+    f[FOLLOWING], f[FOLLOWING + 1], f[FOLLOWING + 2], f[FOLLOWING + 3], f[FOLLOWING + 4] = following
+    w[STRIDE], w[KNOWN] = length, 1
+    return is_finite(after)
+
+
+def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
+    """Find the first switch of a wheel up to a time, and take the strides that end by then; return whether they can be.
+
+    As `Simulation` does, in whole strides.
+    """
+    while True:
+        if w[STRIDE] == 0 and not _choose(c, f, w, pair):
+            return False
+        end_ns = w[START] + w[REACHED] + w[STRIDE]
+        if end_ns != w[SEARCHED]:
+            first = w[START] if w[SEARCHED] < 0 else w[SEARCHED] - 1
+            w[SEARCHED], w[SWITCH], w[LOW] = end_ns, -1, -1
+            if not _bracket(c, f, w, first, end_ns - 1, step):
+                return False
+        if w[LOW] >= 0:
+            return _bisect(c, f, w, until_ns, step)
+        if end_ns > until_ns:
+            return True
+        if not _take(c, f, w, step, pair):
+            return False
+
+
+def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, step: Take) -> bool:
+    """Note whether a wheel switches between two times within the next stride; return whether they can be reached."""
+    if w[KNOWN] != 0:
+        _stand(c, f, GRID_POINT + _size(c))
+        if not _switching(c):
+            return True
+    if last <= first:
+        return True
+    if not _reach(c, f, w, last, step):
+        return False
+    if _switching(c):
+        w[LOW], w[HIGH] = first, last
+    return True
+
+
+def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take) -> bool:
+    """Find the switch, or that it comes after a time; return whether the times of the search can be reached."""
+    while w[HIGH] - w[LOW] > 1 and w[LOW] < until_ns:
+        middle = (w[LOW] + w[HIGH]) // 2
+        if not _reach(c, f, w, middle, step):
+            return False
+        w[HIGH if _switching(c) else LOW] = middle
+    if w[HIGH] - w[LOW] <= 1:
+        w[SWITCH] = w[HIGH]
+    return True
+
+
+def _take(c: Numbers, f: Numbers, w: Whole, step: Take, pair: Take) -> bool:
+    """Take the next stride; return whether it, and a choice after it, can be made."""
+    _copy(f, FOLLOWING, LEARNT, 5)
+    if w[KNOWN] == 0:
+        _stand(c, f, GRID_POINT)
+        step(c, w[STRIDE] / NANOSECONDS)
+        _keep(c, f, GRID_POINT)
+        if not is_finite(phase_at(c, CONSTANTS)):
+            return False
+    else:
+        _copy(f, GRID_POINT + _size(c), GRID_POINT, _size(c))
+    w[REACHED] += w[STRIDE]
+    w[STRIDES] += 1
+    w[STRIDE] = w[KNOWN] = 0
+    strides = w[STRIDES]
+    if w[CHOOSE_AFTER] > 0 and strides >= w[CHOOSE_AFTER] and strides & (strides - 1) == 0:
+        return _learn(c, f, w, pair)
+    return True
+
+
+@compiled_apart
+def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, step: Take) -> bool:
+    """Stand at a time within the next stride, and keep that phase as the last; return whether it can be reached."""
+    rest = time_ns - w[START] - w[REACHED]
+    _stand(c, f, GRID_POINT)
+    if rest > 0:
+        _copy(f, FOLLOWING, LEARNT, 5)
+        step(c, rest / NANOSECONDS)
+    _keep(c, f, _here(c))
+    _stand(c, f, _here(c))
+    return is_finite(phase_at(c, CONSTANTS))
+
+
+@compiled_apart
+def _switching(c: Numbers) -> bool:
+    """Return whether a wheel no longer turns as it does, where the body stands."""
+    phase, (_, _, states), spin_up, found = phase_at(c, CONSTANTS), layout(c), _spin_up(c), False
+    for k in range(int(c[WHEELS])):
+        found = found or switches(c, WHEELS, states, k, spin_up, phase.angular_velocity)
+    return found
+
+
+def _switch(c: Numbers) -> None:
+    """Switch the wheels that no longer turn as they do, where the body stands."""
+    phase, (_, _, states), spin_up = phase_at(c, CONSTANTS), layout(c), _spin_up(c)
+    for k in range(int(c[WHEELS])):
+        if switches(c, WHEELS, states, k, spin_up, phase.angular_velocity):
+            switch_wheel(c, WHEELS, states, k, phase.angular_velocity)
+
+
+@compiled_apart
+def _spin_up(c: Numbers) -> Vector:
+    """Return w' (principal axes) where the body stands, if a wheel is held."""
+    if not is_held(c, WHEELS):
+        return ZERO
+    phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
+    return spin_up_of(c, WHEELS, states, (c[1], c[2], c[3]), _outside(c, phase), phase.angular_velocity)
+
+
+@compiled_apart
+def _outside(c: Numbers, phase: PhaseState) -> Vector:
+    """Return the torque (principal axes) on body and wheels from outside."""
+    (_, held), torque = constants_at(c), ZERO
+    if has_effects(c):
+        here = _point(c, phase)
+        load: Any = EffectLoad(c, here.time, here.position)
+        _, torque = evaluated(load, 0.0, ZERO, here.velocity, here.orientation, here.angular_velocity)
+    return add(add(held.torque_body, rotate_inverse(phase.orientation, held.torque_world)), torque)
+
+
+def _point(c: Numbers, phase: PhaseState) -> Point:
+    velocity = scale(1.0 / c[0], total(phase, MOMENTUM))
+    return Point(elapsed(phase), total(phase, POSITION), velocity, phase.orientation, phase.angular_velocity)
+
+
+def _all_finite(c: Numbers) -> bool:
+    """Return whether the phase where the body stands, its states and its energy are finite."""
+    phase, (m, sums, _) = phase_at(c, CONSTANTS), layout(c)
+    momentum, omega = total(phase, MOMENTUM), phase.angular_velocity
+    found = dot(momentum, scale(1.0 / c[0], momentum)) + dot(omega, times((c[1], c[2], c[3]), omega))
+    for k in range(2 * m):
+        found += c[sums + k]
+    return math.isfinite(found)
+
+
+def _size(c: Numbers) -> int:
+    return size_of(layout(c)[0])
+
+
+def _here(c: Numbers) -> int:
+    return GRID_POINT + 2 * _size(c)
+
+
+def _copy(f: Numbers, source: int, target: int, count: int) -> None:
+    for k in range(count):
+        f[target + k] = f[source + k]
+
+
+@compiled_apart
+def _stand(c: Numbers, f: Numbers, at: int) -> None:
+    """Stand in one of the phases of `f`."""
+    m, sums, states = layout(c)
+    for k in range(PHASE):
+        c[CONSTANTS + k] = f[at + k]
+    for k in range(2 * m):
+        c[sums + k] = f[at + PHASE + k]
+    for k in range(m):
+        c[states + k] = c[sums + k] + c[sums + m + k]
+
+
+@compiled_apart
+def _keep(c: Numbers, f: Numbers, at: int) -> None:
+    """Keep the phase in which the body stands."""
+    m, sums, _ = layout(c)
+    for k in range(PHASE):
+        f[at + k] = c[CONSTANTS + k]
+    for k in range(2 * m):
+        f[at + PHASE + k] = c[sums + k]
+
+
+def _attempted(trials: Any, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:  # noqa: ARG001
+    """Return the results of an embedded pair after a step of h s from the grid point."""
+    c, f, pair = trials
+    _stand(c, f, GRID_POINT)
+    pair(c, h)
+    return phase_at(c, CONSTANTS), phase_at(c, OTHER)
+
+
+def _whole_strength(trials: Any, phase: PhaseState) -> float:
+    """Return the sum of the magnitudes (N) of the forces."""
+    c, _, _ = trials
+    _, held = constants_at(c)
+    return norm(held.force_world) + norm(held.force_body) + strength(c, _point(c, phase))
+
+
+def _as_told(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float, noise: float) -> Learnt:  # noqa: ARG001
+    """Return what is learnt: rounding does not hide the error of a pair."""
+    return learnt
+
+
+def _seen(
+    load: Any, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, omega: Vector
+) -> tuple[bool, Vector, Vector]:
+    """Return True, force and torque with the wheels as they are at the start of the step."""
+    load.numbers[STAGE] = 0.0
+    force, torque = evaluated(load, t, displacement, velocity, orientation, omega)
+    return True, force, torque
+
+
+_steady: Callable[[CompiledWheelLoad, Inertia, HeldWrench, PhaseState, float], float] = specialise(
+    steady_time, "steady_time_with_wheels", _seen=_seen
+)
+_by_trial = specialise(
+    by_trial, "by_trial_with_wheels", _attempt=_attempted, taught=_as_told, _strength=_whole_strength
+)
+
+_TAKE = "FunctionType(void(float64[::1], float64))"
+_ARRAYS = "float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1]"
+ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, int64, int64, int64, {_TAKE}, {_TAKE})", price=4.0)

@@ -1,0 +1,137 @@
+"""`ManyMeasurements`: the sensors of many bodies side by side: what each has measured last, as `Measurements` gives it.
+
+The bodies have the same sensors, with the same rates and delays: samples are taken and arrive at the same times. Errors
+and losses are those of each.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Hashable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rb_dynamics.motion.sensor_kernel import READ_ALL
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.run.measurements import SampleTimes
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.sensors.many_readings import LOST, READING, numbers_of, words_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+    from rb_dynamics.run.sample_arrays import Samples
+
+# Samples of each body for which the kernel is worth loading.
+_AHEAD = 100.0
+
+
+def shared_by_sensors(scene: Scene) -> Hashable | None:
+    """Return what bodies with the sensors of `scene` have in common; None if not all can be read together."""
+    if any(numbers_of(sensor, scene.frames) is None for sensor in scene.sensors):
+        return None
+    return tuple((type(each), each.name, each.rate, each.delay) for each in scene.sensors)
+
+
+def kernel_at_hand() -> bool:
+    """Return whether nothing has to be compiled to read them."""
+    return READ_ALL.get(_AHEAD, 1.0) is not None
+
+
+class _Sensor:
+    """One sensor, on all bodies.
+
+    Attributes:
+        newest: the last readings that have arrived, (N, `READING`), see `many_readings.py`; NaN before the first.
+        taken_s: when they were taken, (N,).
+    """
+
+    def __init__(self, scenes: Sequence[Scene], number: int) -> None:
+        import numpy as np
+
+        sensors = [scene.sensors[number] for scene in scenes]
+        self._times, self.delay_ns = SampleTimes(sensors[0].rate), nanoseconds(sensors[0].delay)
+        self._numbers = np.array([numbers_of(s, scene.frames) for s, scene in zip(sensors, scenes, strict=True)])
+        words = [words_of(sensor, scene.seed) for sensor, scene in zip(sensors, scenes, strict=True)]
+        self._words = np.array(words, dtype=np.uint64).view(np.int64)
+        self.newest = np.full((len(scenes), READING), math.nan)
+        self.taken_s = np.full(len(scenes), math.nan)
+        self._sample = 0
+
+    @property
+    def due_ns(self) -> int:
+        """When it takes its next sample."""
+        return self._times.of(self._sample)
+
+    def take(self, kernel: Any, truth: Numbers) -> Numbers:
+        """Take the next sample."""
+        import numpy as np
+
+        found = np.full_like(self.newest, math.nan)
+        kernel(self._sample, truth, self._numbers, self._words, found)
+        self._sample += 1
+        return found
+
+    def receive(self, found: Numbers, taken_ns: int) -> None:
+        """Receive readings that were taken at `taken_ns`."""
+        import numpy as np
+
+        came = found[:, LOST] == 0.0
+        self.newest = found if came.all() else np.where(came[:, np.newaxis], found, self.newest)
+        self.taken_s = np.where(came, taken_ns / NANOSECONDS, self.taken_s)
+
+
+class ManyMeasurements:
+    """The sensors of N bodies.
+
+    Attributes:
+        sensors: of a body, in the order of the scene.
+    """
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        """Begin before the first sample, for scenes that share what `shared_by_sensors` returns.
+
+        Raises:
+            LookupError: the kernel is not there, and not worth compiling now.
+        """
+        ahead = _AHEAD * len(scenes)
+        self._kernel = READ_ALL.get(ahead, ahead)
+        if self._kernel is None:
+            raise LookupError("the kernel for sensors is not there")
+        self.sensors = [_Sensor(scenes, number) for number in range(len(scenes[0].sensors))]
+        # Readings not yet delivered: when they arrive, the number of their sensor, when they were taken.
+        self._waiting: list[tuple[int, int, int, Numbers]] = []
+
+    @property
+    def due_ns(self) -> int:
+        """The next time at which a sample is taken."""
+        return min(sensor.due_ns for sensor in self.sensors)
+
+    def take(self, samples: Samples) -> None:
+        """Take the samples that are due at the time of `samples`."""
+        import numpy as np
+
+        time_ns, truth = int(samples.time_ns), None
+        for number, sensor in enumerate(self.sensors):
+            while sensor.due_ns <= time_ns:
+                if truth is None:
+                    parts = samples.position_world, samples.orientation_xyzw, samples.angular_velocity_body
+                    truth = np.concatenate(parts, axis=1)
+                taken_ns = sensor.due_ns
+                found = sensor.take(self._kernel, truth)
+                heapq.heappush(self._waiting, (taken_ns + sensor.delay_ns, number, taken_ns, found))
+
+    def deliver(self, time_ns: int) -> None:
+        """Let the readings arrive that do so by `time_ns`."""
+        while self._waiting and self._waiting[0][0] <= time_ns:
+            _, number, taken_ns, found = heapq.heappop(self._waiting)
+            self.sensors[number].receive(found, taken_ns)
+
+    def silent(self) -> npt.NDArray[np.bool_]:
+        """Return which sensors of which bodies have sent no message so far, (N, sensors)."""
+        import numpy as np
+
+        found: npt.NDArray[np.bool_] = np.isnan(np.stack([sensor.taken_s for sensor in self.sensors], axis=1))
+        return found

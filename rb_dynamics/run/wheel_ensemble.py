@@ -1,0 +1,295 @@
+"""`WheelEnsemble`: many bodies with reaction wheels, which advance and are commanded together, each as if alone.
+
+The bits are those of a `Simulation` of each. It takes what `motion/wheel_arcs_kernel.py` does: bodies with as many
+wheels, under effects that act all the time and have kernels, with one method and a step of whole nanoseconds or an
+accuracy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
+
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.wheel_set import WheelSet
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.auto_method import CANDIDATES
+from rb_dynamics.motion.batch_kernel import each_part, parts_of
+from rb_dynamics.motion.kernel_layout import PHASE, phase_of
+from rb_dynamics.motion.method import Method
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
+from rb_dynamics.motion.stateful_kernel import StatefulKernels, StatefulSteps, stateful_kernels
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
+from rb_dynamics.motion.wheel_arcs_kernel import (
+    ADVANCE_ALL,
+    CHOOSE_AFTER,
+    GRID_POINT,
+    LEFT_BEHIND,
+    LENGTH,
+    WHOLE,
+    size_of,
+)
+from rb_dynamics.numerics.cores import cores
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.run.ensemble import body_of_arrays, initial_phases
+from rb_dynamics.run.plan import Plan
+from rb_dynamics.run.sample import Sample, SampleBuilder, torque_impulse
+from rb_dynamics.run.sample_arrays import Samples, field
+from rb_dynamics.scene.model import Scene
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+# Times up to it are doubles without rounding, as the lengths of steps are.
+_LATEST_NS = 2**53
+
+# Steps of each body in a call, in those of `rk4`.
+_STEPS = 20
+
+# Steps of each body for which kernels are worth loading.
+_AHEAD = 1000.0
+
+
+def shared_by_wheels(scene: Scene) -> Hashable | None:
+    """Return what bodies in one ensemble have in common with that of `scene`; None if it cannot be in one."""
+    wheels, effects = scene.wheels, scene.combined_effects
+    lonely = scene.past is not None or not 0 < (scene.end_ns or 0) < _LATEST_NS or scene.body.is_particle
+    others = len(wheels) != len(scene.actuators) or any(channel != Channel(channel.topic) for channel in scene.channels)
+    if not wheels or lonely or others or not all(wheel.is_balanced for wheel in wheels):
+        return None
+    numbers = effects.numbers(0.0)
+    changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None or effects.magnetic
+    if numbers is None or changing or _kernels(scene) is None:
+        return None
+    return scene.solver, scene.end_ns, tuple((wheel.name, wheel.command) for wheel in wheels), len(numbers)
+
+
+def kernels_at_hand(scene: Scene) -> bool:
+    """Return whether nothing has to be compiled for an ensemble."""
+    kernels = _kernels(scene)
+    needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair)
+    return bool(needed) and all(each is None or each.get(_AHEAD, 1.0) is not None for each in needed)
+
+
+def _kernels(scene: Scene) -> StatefulKernels | None:
+    """Return the kernels of the method of a scene with wheels; None if it has none, or may use another method too."""
+    method = _method(scene)
+    kernels = None if method is None else stateful_kernels(method)
+    if kernels is None or method is None:
+        return None
+    if scene.solver.step is None:
+        return None if kernels.pair is None or method.longest_step is not None else kernels
+    return kernels if (Fraction(repr(scene.solver.step)) * NANOSECONDS).denominator == 1 else None
+
+
+def _method(scene: Scene) -> Method | None:
+    if scene.solver.method != "auto":
+        return METHODS.get(scene.solver.method)
+    names = CANDIDATES[ReactionWheel.takes]
+    return METHODS[names[0]] if len(names) == 1 or scene.solver.step is not None else None
+
+
+class WheelEnsemble:
+    """N bodies with wheels.
+
+    Attributes:
+        time_ns: how far they have come.
+        clipped: commands that the limits of a wheel have reduced, (N,).
+    """
+
+    def __init__(self, scenes: Sequence[Scene], threads: int | None = None) -> None:
+        """Start at the initial states of scenes that share what `shared_by_wheels` returns.
+
+        Args:
+            scenes: one for each body.
+            threads: at most this many, by default one per available core; the bits do not depend on it.
+
+        Raises:
+            SceneError: one of them does not suit its solver.
+            LookupError: the kernels are not there, and not worth compiling now.
+        """
+        import numpy as np
+
+        self._scenes, first, self._threads = tuple(scenes), scenes[0], threads or cores()
+        kernels = _kernels(first)
+        if kernels is None:
+            raise SceneError(f"{first.source}: found a scene that cannot be in an ensemble with wheels")
+        ahead = _AHEAD * len(scenes)
+        step = kernels.step.get(ahead, ahead)
+        found = ADVANCE_ALL.get(ahead, ahead), step, step if kernels.pair is None else kernels.pair.get(ahead, ahead)
+        if None in found:
+            raise LookupError("the kernels for wheels are not there")
+        self._kernel: Any
+        self._kernel, self._step, self._pair = found
+        self._body = body_of_arrays([scene.body for scene in scenes])
+        self._start = initial_phases(self._body, [scene.initial for scene in scenes])
+        self.time_ns, self.clipped = 0, np.zeros(len(scenes))
+        limits = [[w.max_torque if w.command == "torque" else w.max_speed for w in s.wheels] for s in scenes]
+        self._limits, self._none = np.array(limits), np.full((len(scenes), len(first.wheels)), np.nan)
+        self._commands, self._samples = self._none, cast("WheelSamples | None", None)
+        rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
+        self._rows, self._arcs = np.array(rows), np.array(arcs)
+        self._whole = np.array(whole, dtype=np.int64)
+        self._begin = self.phases.copy()
+
+    def __len__(self) -> int:
+        """Return the number of bodies."""
+        return len(self._scenes)
+
+    @property
+    def phases(self) -> Numbers:
+        """(N, `PHASE` + ...), the present phases, with the sums of the states of the wheels and their rounding."""
+        size = (self._arcs.shape[1] - GRID_POINT) // 3
+        return self._arcs[:, GRID_POINT + 2 * size :]
+
+    @property
+    def left_behind(self) -> npt.NDArray[np.bool_]:
+        """(N,), which bodies could not go on: they are to be simulated alone."""
+        found: npt.NDArray[np.bool_] = self._whole[:, LEFT_BEHIND] != 0
+        return found
+
+    def command(self, commands: Numbers) -> None:
+        """Command the wheels from now on, (N, wheels); NaN for no command."""
+        import numpy as np
+
+        beyond = np.abs(commands) > self._limits
+        self.clipped = self.clipped + beyond.sum(axis=1)
+        given = np.where(beyond, np.copysign(self._limits, commands), commands)
+        self._commands = np.where(np.isnan(given), self._commands, given)
+
+    def advance_to(self, time_ns: int) -> None:
+        """Advance to `time_ns`, not before the last time."""
+        if time_ns == self.time_ns and self._commands is self._none and self._samples is not None:
+            return
+        self._samples = None
+        what = self._rows, self._arcs, self._whole, self._commands
+        each_part(
+            lambda part: self._kernel(*what, time_ns, *part, self._step, self._pair),
+            parts_of(len(self), 1, self._threads, _STEPS),
+        )
+        self.time_ns, self._commands = time_ns, self._none
+
+    def samples(self) -> WheelSamples:
+        """Return their present state and bookkeeping."""
+        if self._samples is None:
+            phases = self.phases.copy()
+            speeds, told = self._speeds(phases), lambda: self._told(phases)
+            self._samples = WheelSamples(self._body, self._start, phases, self.time_ns, speeds, told)
+        return self._samples
+
+    def _speeds(self, phases: Numbers) -> Numbers:
+        import numpy as np
+
+        inertias, axes = self._wheels
+        count, states = inertias.shape[1], (phases.shape[1] - PHASE) // 2
+        momenta = phases[:, PHASE : PHASE + count] + phases[:, PHASE + states : PHASE + states + count]
+        x, y, z = (phases[:, i, np.newaxis] for i in (4, 5, 6))
+        speeds: Numbers = momenta / inertias - (axes[:, :, 0] * x + axes[:, :, 1] * y + axes[:, :, 2] * z)
+        return speeds
+
+    @cached_property
+    def _wheels(self) -> tuple[Numbers, Numbers]:
+        """Inertias, (N, wheels), and axes in principal axes, (N, wheels, 3)."""
+        import numpy as np
+
+        inertias = [[wheel.inertia for wheel in scene.wheels] for scene in self._scenes]
+        return np.array(inertias), np.array([[w.axis_in(scene.body) for w in scene.wheels] for scene in self._scenes])
+
+    @cached_property
+    def _observers(self) -> list[tuple[SampleBuilder, Sample]]:
+        """What computes the samples of each body, and its first one."""
+        found = []
+        for scene, row in zip(self._scenes, self._begin.tolist(), strict=True):
+            phase = _phase(row)
+            observer = SampleBuilder(scene.combined_effects, phase, WheelSet(scene.wheels, scene.body))
+            found.append((observer, observer.sample(phase, 0)))
+        return found
+
+    def _told(self, phases: Numbers) -> list[tuple[Sample, Sample]]:
+        """Return the first sample of each body, and that of its phase."""
+        found = zip(self._observers, phases.tolist(), strict=True)
+        return [(first, observer.sample(_phase(row), self.time_ns)) for (observer, first), row in found]
+
+
+def _phase(row: Sequence[float]) -> PhaseState:
+    """Return the phase, with states, of a row of `WheelEnsemble.phases`."""
+    phase, states = phase_of(tuple(row[:PHASE])), (len(row) - PHASE) // 2
+    high, low = row[PHASE : PHASE + states], row[PHASE + states :]
+    return phase._replace(high=(*phase.high, *high), low=(*phase.low, *low))
+
+
+class WheelSamples(Samples):
+    """State and bookkeeping of bodies with wheels; the books are made up for each body, and only if they are read."""
+
+    def __init__(
+        self,
+        body: RigidBody,
+        start: Numbers,
+        phases: Numbers,
+        time_ns: int,
+        speeds: Numbers,
+        told: Callable[[], list[tuple[Sample, Sample]]],
+    ) -> None:
+        """Describe `body` (of arrays); `told` returns the first sample of each and the present one."""
+        super().__init__(body, start, phases[:, :PHASE], time_ns)
+        self.wheel_speeds, self._tell = speeds, told
+
+    @cached_property
+    def _told(self) -> list[tuple[Sample, Sample]]:
+        return self._tell()
+
+    @field
+    def angular_momentum_world(self) -> Any:
+        """(N, 3), about the centre of mass, kg m^2/s."""
+        return [sample.angular_momentum_world for _, sample in self._told]
+
+    @field
+    def kinetic_energy(self) -> Any:
+        """(N,), translation and rotation, J."""
+        return [sample.kinetic_energy for _, sample in self._told]
+
+    @field
+    def work(self) -> Any:
+        """(N,), of all loads since the start, J."""
+        return [sample.work for _, sample in self._told]
+
+    @field
+    def energy_defect(self) -> Any:
+        """(N,), T - T0 - work, J; see `SampleBuilder`."""
+        return [sample.energy_defect for _, sample in self._told]
+
+    @field
+    def torque_impulse_world(self) -> Any:
+        """(N, 3), integral of the torque about the centre of mass since the start, N m s."""
+        return [torque_impulse(first, sample) for first, sample in self._told]
+
+
+def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[float], list[int]]:
+    """Return the numbers of a body, those of its arc, and the whole ones, see `wheel_arcs_kernel.py`."""
+    import numpy as np
+
+    wheels, inertia = WheelSet(scene.wheels, scene.body), inertia_of(scene.body)
+    phase = PhaseState.of(scene.body, scene.initial)
+    phase = phase.with_inner(wheels.begin(phase.angular_velocity))
+    held, effects = in_principal_axes(scene.body, HeldWrench()), scene.combined_effects.numbers(0.0) or ()
+    steps = StatefulSteps(kernels, inertia, held, wheels.now, effects)
+    numbers = [*phase.orientation, *phase.angular_velocity, *phase.high[:14], *phase.low[:14]]
+    numbers += [*phase.high[14:], *phase.low[14:]]
+    arc, whole = [0.0] * (GRID_POINT + 2 * size_of(len(phase.inner))) + numbers, [0] * WHOLE
+    method = _method(scene)
+    control = None if method is None else Plan(scene).control_of(method)
+    if isinstance(control, FixedStep):
+        whole[LENGTH] = control.length
+    elif isinstance(control, AccuracyControl):
+        arc[: len(control.goal)] = map(float, control.goal)
+    whole[CHOOSE_AFTER] = 64 if scene.solver.method == "auto" else 0
+    return np.frombuffer(steps.numbers), arc, whole

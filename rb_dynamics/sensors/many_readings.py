@@ -1,0 +1,107 @@
+"""Readings of one sensor on many bodies at one time, in one compiled call, with the bits of the readings of each alone.
+
+For inertial measurement units (their gyros), star trackers and motion capture.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.numerics.compilation import lane
+from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import Vector, add
+from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, moved, turned
+from rb_dynamics.sensors.axis_errors import AxisNumbers, measured
+from rb_dynamics.sensors.imu import Imu
+from rb_dynamics.sensors.random_numbers import key_of, uniform_numbers
+from rb_dynamics.sensors.sensor import DROPOUT, Sensor
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+    Whole = npt.NDArray[np.int64]
+
+# Numbers of a sensor: kind, dropout and place on the body, then those of its kind; for gyros the bias at the next
+# sample comes first.
+_GYRO, _TRACKER, _POSE = 1.0, 2.0, 3.0
+_DROPOUT, _POSITION, _AXES, _OWN, _NUMBERS = 1, 2, 5, 9, 23
+
+LOST, VALUE, IN_BODY, READING = 0, 1, 8, 12
+"""In a reading: whether it is lost; position, if it measures that, and behind it angular velocity or attitude, in the
+frames of the message; and the latter for the body, in its axes."""
+
+
+def numbers_of(sensor: Sensor, frames: WrenchFrames) -> tuple[float, ...] | None:
+    """Return the numbers of a sensor before its first sample; None if its readings have no kernel."""
+    kind = type(sensor)
+    place = sensor.fixed(frames)
+    before = (sensor.dropout, *place.position, *place.orientation_xyzw)
+    found: tuple[float, ...]
+    if kind is Imu and isinstance(sensor, Imu):
+        turn, gain, *others = sensor.gyro.numbers(sensor.rate)
+        found = (_GYRO, *before, *sensor.gyro.bias, *turn, *gain, *others)
+    elif kind is StarTracker and isinstance(sensor, StarTracker):
+        found = (_TRACKER, *before, sensor.noise)
+    elif kind is PoseSensor and isinstance(sensor, PoseSensor):
+        found = (_POSE, *before, sensor.position_noise, sensor.orientation_noise)
+    else:
+        return None
+    return (*found, *(0.0,) * (_NUMBERS - len(found)))
+
+
+def words_of(sensor: Sensor, seed: int) -> tuple[int, ...]:
+    """Return the keys of its noise and of its losses in a run."""
+    return *key_of(seed, sensor.name), *key_of(seed, sensor.name + DROPOUT)
+
+
+def parts_of(sensor: Sensor) -> dict[str, slice]:
+    """Return where in a reading each of its values stands."""
+    if isinstance(sensor, Imu):
+        return {"angular_velocity": slice(VALUE, VALUE + 3)}
+    if isinstance(sensor, PoseSensor):
+        return {"position_world": slice(VALUE, VALUE + 3), "orientation_xyzw": slice(VALUE + 3, VALUE + 7)}
+    return {"orientation_xyzw": slice(VALUE, VALUE + 4)}
+
+
+def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found: Numbers) -> None:
+    """Take a sample of one sensor on each body, and move the biases on.
+
+    Args:
+        sample: its number.
+        truth: (N, 10), position, attitude and angular velocity of the bodies, as in `Truth`.
+        numbers: (N, ...), of the sensors, see `numbers_of`.
+        words: (N, 4), see `words_of`.
+        found: (N, `READING`), for the readings.
+    """
+    for i in range(len(truth)):
+        n, t, r = numbers[i], truth[i], found[i]
+        key, of_losses = (lane(words[i, 0]), lane(words[i, 1])), (lane(words[i, 2]), lane(words[i, 3]))
+        orientation: Quaternion = (t[3], t[4], t[5], t[6])
+        place: Vector = (n[_POSITION], n[_POSITION + 1], n[_POSITION + 2])
+        axes: Quaternion = (n[_AXES], n[_AXES + 1], n[_AXES + 2], n[_AXES + 3])
+        sensed, k, at = multiply(orientation, axes), _OWN, VALUE
+        if n[0] == _GYRO:
+            turn: Quaternion = (n[k + 3], n[k + 4], n[k + 5], n[k + 6])
+            errors = AxisNumbers(turn, (n[k + 7], n[k + 8], n[k + 9]), n[k + 10], n[k + 11], n[k + 12], n[k + 13])
+            rate = rotate_inverse(axes, (t[7], t[8], t[9]))
+            value, bias = measured(errors, (n[k], n[k + 1], n[k + 2]), key, 0, sample, rate)
+            n[k], n[k + 1], n[k + 2] = bias
+            r[at], r[at + 1], r[at + 2] = value
+            r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2] = rotate(axes, value)
+        else:
+            if n[0] == _POSE:
+                there = add((t[0], t[1], t[2]), rotate(orientation, place))
+                r[at], r[at + 1], r[at + 2] = moved(there, n[k], key, 0, sample)
+                at = VALUE + 3
+                sensed = turned(sensed, n[k + 1], key, 1, sample)
+            else:
+                sensed = turned(sensed, n[k], key, 0, sample)
+            r[at], r[at + 1], r[at + 2], r[at + 3] = sensed
+            back = multiply(sensed, conjugate(axes))
+            r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2], r[IN_BODY + 3] = back
+        lost = n[_DROPOUT] > 0.0 and uniform_numbers(of_losses, sample, 0)[0] < n[_DROPOUT]
+        r[LOST] = 1.0 if lost else 0.0

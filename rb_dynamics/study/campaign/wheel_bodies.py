@@ -1,0 +1,186 @@
+"""`WithWheels`: the bodies of a block that have reaction wheels, and sensors that their law hears, side by side.
+
+Each has the bits of itself alone. What this does not have, such as forces beside the wheels or accelerometers, it finds
+out when a law asks for it: the runs are then repeated alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from rb_dynamics.run.many_measurements import ManyMeasurements, shared_by_sensors
+from rb_dynamics.run.many_measurements import kernel_at_hand as sensors_at_hand
+from rb_dynamics.run.sample_arrays import Samples
+from rb_dynamics.run.wheel_ensemble import WheelEnsemble, shared_by_wheels
+from rb_dynamics.run.wheel_ensemble import kernels_at_hand as wheels_at_hand
+from rb_dynamics.scene.model import Scene
+from rb_dynamics.sensors.many_readings import IN_BODY, parts_of
+from rb_dynamics.study.campaign.control_inputs import OnboardValues, SensorReading
+from rb_dynamics.study.campaign.laws import LAWS
+from rb_dynamics.study.campaign.model import Control
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+
+class NotTogetherError(Exception):
+    """These runs have to be executed alone."""
+
+
+def alike(scene: Scene, control: Control | None) -> tuple[Hashable, Hashable] | None:
+    """Return what runs that go side by side with wheels share; None if one cannot."""
+    if control is not None and control.law in LAWS and not control.through:
+        # It commands a torque on the body.
+        return None
+    wheels, sensors = shared_by_wheels(scene), () if control is None else shared_by_sensors(scene)
+    return None if wheels is None or sensors is None else (wheels, sensors)
+
+
+def known_ahead(control: Control | None) -> bool:
+    """Return whether it is known what a law will ask for and command: a user's may turn out to need runs alone."""
+    return control is None or control.law in LAWS
+
+
+def at_hand(scene: Scene) -> bool:
+    """Return whether they can go so at once, as nothing has to be compiled."""
+    return wheels_at_hand(scene) and (not scene.sensors or sensors_at_hand())
+
+
+class _Values(Mapping[str, "Numbers"]):
+    """What a sensor measures, of which some is not there side by side."""
+
+    def __init__(self, values: Mapping[str, Numbers], missing: Sequence[str], ask: Callable[[], Numbers]) -> None:
+        self._values, self._missing, self._ask = values, missing, ask
+
+    def __getitem__(self, name: str) -> Numbers:
+        return self._ask() if name in self._missing else self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._values, *self._missing))
+
+    def __len__(self) -> int:
+        return len(self._values) + len(self._missing)
+
+
+class WithWheels:
+    """Bodies with wheels.
+
+    Attributes:
+        failed: none; see `Bodies`.
+        lacking: whether a law has asked for what is not there.
+    """
+
+    def __init__(self, scenes: Sequence[Scene], driven: bool, threads: int | None = None) -> None:
+        """Start at the initial states of the scenes; `driven`: by a controller, which hears their sensors.
+
+        Raises:
+            NotTogetherError: the kernels are not there.
+        """
+        import numpy as np
+
+        self._scene = scenes[0]
+        try:
+            self._ensemble = WheelEnsemble(scenes, threads)
+            self._sensing = ManyMeasurements(scenes) if driven and self._scene.sensors else None
+        except LookupError as error:
+            raise NotTogetherError from error
+        self._wheels = {wheel.name: k for k, wheel in enumerate(self._scene.wheels)}
+        self._apart = np.zeros(len(scenes), dtype=np.bool_)
+        self.failed: Mapping[int, str] = {}
+        self.lacking = False
+
+    @property
+    def apart(self) -> npt.NDArray[np.bool_]:
+        """(N,), which of them have to be executed alone, as they could not go on together."""
+        return self._apart | self._ensemble.left_behind
+
+    def samples(self) -> Samples:
+        """Return their state; see `Bodies`."""
+        import numpy as np
+
+        samples = self._ensemble.samples()
+        samples.clipped_commands = self._ensemble.clipped
+        samples.rejected_commands = np.zeros(len(self._ensemble))
+        return samples
+
+    def onboard(self) -> OnboardValues:
+        """Return what a controller can measure; see `Bodies`."""
+        speeds = self._ensemble.samples().wheel_speeds
+        found = OnboardValues({}, {name: speeds[:, k].copy() for name, k in self._wheels.items()})
+        if self._sensing is None:
+            return found
+        self._sensing.deliver(self._ensemble.time_ns)
+        return found._replace(
+            sensors=dict(self._readings(self._sensing)),
+            orientation_xyzw=self._in_body(self._sensing, "orientation_xyzw", 4),
+            angular_velocity_body=self._in_body(self._sensing, "angular_velocity", 3),
+            silent=self._silent(self._sensing),
+        )
+
+    def _readings(self, sensing: ManyMeasurements) -> Iterator[tuple[str, SensorReading]]:
+        for sensor, now in zip(self._scene.sensors, sensing.sensors, strict=True):
+            values = {name: now.newest[:, part].copy() for name, part in parts_of(sensor).items()}
+            missing = [name for name in sensor.values if name not in values]
+            known = _Values(values, missing, self._ask) if missing else values
+            yield sensor.name, SensorReading(sensor.name, now.taken_s.copy(), known)
+
+    def _ask(self) -> Numbers:
+        import numpy as np
+
+        self.lacking = True
+        return np.full((len(self._ensemble), 3), np.nan)
+
+    def _in_body(self, sensing: ManyMeasurements, name: str, count: int) -> Numbers | None:
+        """Return a value for the body, as the first sensor that measures it says."""
+        for sensor, now in zip(self._scene.sensors, sensing.sensors, strict=True):
+            if name in sensor.values:
+                return now.newest[:, IN_BODY : IN_BODY + count].copy()
+        return None
+
+    def _silent(self, sensing: ManyMeasurements) -> tuple[str, ...]:
+        """Return the sensors without a message so far; bodies of which others have none are to go apart."""
+        silent = sensing.silent()
+        # As the one that has heard most, whose law is called if that is all.
+        most = silent[silent.sum(axis=1).argmin()]
+        self._apart |= (silent != most).any(axis=1)
+        return tuple(sensor.name for sensor, is_silent in zip(self._scene.sensors, most, strict=True) if is_silent)
+
+    def hold(self, commands: Mapping[str, Numbers], new: Mapping[str, npt.NDArray[np.bool_]]) -> None:
+        """Command the wheels; see `Bodies`.
+
+        Raises:
+            NotTogetherError: something else is commanded.
+        """
+        import numpy as np
+
+        values = np.full((len(self._ensemble), len(self._wheels)), np.nan)
+        for name, changed in new.items():
+            if name not in self._wheels:
+                raise NotTogetherError
+            values[changed, self._wheels[name]] = commands[name][changed]
+        self._ensemble.command(values)
+
+    def require_all(self) -> None:
+        """Require that laws have asked only for what is there.
+
+        Raises:
+            NotTogetherError: one has asked for more.
+        """
+        if self.lacking:
+            raise NotTogetherError
+
+    def advance_to(self, time_ns: int) -> None:
+        """Advance; see `Bodies`.
+
+        Raises:
+            NotTogetherError: a law has asked for what is not there.
+        """
+        self.require_all()
+        while self._sensing is not None and self._sensing.due_ns <= time_ns:
+            self._ensemble.advance_to(self._sensing.due_ns)
+            self._sensing.take(self._ensemble.samples())
+        self._ensemble.advance_to(time_ns)

@@ -1,0 +1,153 @@
+"""Bodies with wheels in an ensemble: the bits of a simulation of each."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from rb_dynamics import RigidBody, Scene, State
+from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.motion.kernel_layout import phase_numbers
+from rb_dynamics.motion.phase_state import SUMS, PhaseState
+from rb_dynamics.numerics.compilation import available
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.run.simulation import Simulation, without_outputs
+from rb_dynamics.run.wheel_ensemble import WheelEnsemble, shared_by_wheels
+from rb_dynamics.scene.model import Solver
+
+# The first test compiles the kernels.
+pytestmark = [pytest.mark.skipif(not available(), reason="needs numba"), pytest.mark.timeout(600)]
+
+SOLVERS = {
+    "auto": Solver("auto", accuracy=1e-7),
+    "auto with a step": Solver("auto", step=0.05, accuracy=None),
+    "dop853": Solver("dop853", accuracy=1e-9),
+    "dop853 with a step": Solver("dop853", step=0.03, accuracy=None),
+}
+
+
+def satellite(number: int, solver: Solver, commands: str) -> Scene:
+    """Return a satellite in orbit; its wheels rub, and most of them soon come to rest or to their limits."""
+    draw = random.Random(number)
+    axes = [tuple(draw.gauss(0.0, 1.0) for _ in range(3)) for _ in range(3)]
+    wheels = [
+        ReactionWheel(
+            name=f"w{k}",
+            axis=axes[k],
+            inertia=draw.uniform(1e-4, 3e-4),
+            command=commands,
+            coulomb=draw.choice([0.0, 2e-4]),
+            viscous=draw.uniform(0.0, 1e-6),
+            max_torque=3e-3,
+            max_speed=draw.choice([30.0, math.inf]),
+            speed=draw.choice([0.0, draw.uniform(-5.0, 5.0), 30.0]),
+        )
+        for k in range(3)
+    ]
+    orientation = math.sin(0.3), 0.0, 0.0, math.cos(0.3)
+    rate = tuple(draw.gauss(0.0, 0.2) for _ in range(3))
+    body = RigidBody.from_matrix(
+        10.0, [[0.05, 0.003, 0.0], [0.003, 0.12, 0.001], [0.0, 0.001, 0.14]], (0.01, 0.0, 0.02)
+    )
+    return Scene(
+        body=body,
+        frames=WrenchFrames(),
+        initial=State(0, (6.9e6, 0.0, 0.0), orientation, (0.0, 0.0, 7612.6), rate),
+        channels=(),
+        solver=solver,
+        effects=(CentralGravity(gravitational_parameter=3.986e14, gravity_gradient=True),),
+        actuators=tuple(wheels),
+        duration=20.0,
+    )
+
+
+def alone(scene: Scene, at_ns: list[int], commands: list[list[float]]) -> list[tuple[float, ...]]:
+    """Return the phases at these times, from each of which on the next commands act."""
+    run, found = Simulation(without_outputs(scene)), []
+    run.start()
+    for time_ns, values in zip(at_ns, commands, strict=True):
+        run.advance(time_ns)
+        found.append(numbers(run.phase))
+        for wheel, value in zip(scene.wheels, values, strict=True):
+            if not math.isnan(value):
+                run.actuate(wheel.name + COMMAND, value, time_ns)
+    return found
+
+
+def numbers(phase: PhaseState) -> tuple[float, ...]:
+    high, low = phase.high, phase.low
+    body = phase_numbers(phase._replace(high=high[:SUMS], low=low[:SUMS]))
+    return (*body, *high[SUMS:], *low[SUMS:])
+
+
+@pytest.mark.parametrize("commands", ["torque", "speed"])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch, name: str, commands: str) -> None:
+    """With wheels at rest, at their limits and in between, commands that come to some at odd times, and no effects."""
+    import numpy as np
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    scenes = [satellite(number, SOLVERS[name], commands) for number in range(6)]
+    if name == "auto with a step":
+        scenes = [replace(scene, effects=()) for scene in scenes]
+    draw, size = random.Random(name + commands), 4e-3 if commands == "torque" else 40.0
+    times = sorted({0, *(draw.randrange(20 * NANOSECONDS) for _ in range(24)), 20 * NANOSECONDS})
+    given = [
+        [[draw.uniform(-size, size) if draw.random() < 0.5 else math.nan for _ in range(3)] for _ in scenes]
+        for _ in times
+    ]
+    bodies, rows = WheelEnsemble(scenes, 1), []
+    for time_ns, values in zip(times, given, strict=True):
+        bodies.advance_to(time_ns)
+        rows.append(bodies.phases.tolist())
+        bodies.command(np.array(values))
+
+    assert not bodies.left_behind.any()
+    assert bodies.clipped.sum() > 0.0
+    for i, scene in enumerate(scenes):
+        expected = alone(scene, times, [values[i] for values in given])
+        assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+
+
+def test_the_books_are_those_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    scenes = [satellite(number, SOLVERS["auto"], "torque") for number in range(3)]
+    bodies = WheelEnsemble(scenes)
+    bodies.advance_to(3 * NANOSECONDS)
+    found = bodies.samples()
+    for i, scene in enumerate(scenes):
+        run = Simulation(without_outputs(scene))
+        run.start()
+        run.advance(3 * NANOSECONDS)
+        sample: Any = run.look()
+        for field in ("position_world", "orientation_xyzw", "angular_velocity_body", "wheel_speeds", "work"):
+            assert getattr(found, field)[i].tolist() == pytest.approx(getattr(sample, field), abs=0.0, rel=0.0), field
+        for field in ("angular_momentum_world", "kinetic_energy", "energy_defect", "linear_velocity_world"):
+            assert getattr(found, field)[i].tolist() == pytest.approx(getattr(sample, field), abs=0.0, rel=0.0), field
+
+
+def test_a_body_that_cannot_go_on_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others go on: it falls into the centre of gravity."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    scenes = [satellite(number, SOLVERS["auto"], "torque") for number in (1, 2)]
+    falling = replace(scenes[0].initial, position_world=(1.0, 0.0, 0.0), linear_velocity_world=(0.0, 0.0, 0.0))
+    bodies = WheelEnsemble([scenes[1], replace(scenes[0], initial=falling)])
+    bodies.advance_to(NANOSECONDS)
+    assert bodies.left_behind.tolist() == [False, True]
+
+
+def test_only_what_kernels_know_is_in_an_ensemble() -> None:
+    scene = satellite(1, SOLVERS["auto"], "torque")
+    assert shared_by_wheels(scene) == shared_by_wheels(satellite(2, SOLVERS["auto"], "torque"))
+    assert shared_by_wheels(replace(scene, actuators=())) is None
+    assert shared_by_wheels(replace(scene, solver=Solver("radau", accuracy=1e-6))) is None
+    assert shared_by_wheels(replace(scene, solver=Solver("dop853", step=1.0 / 3.0, accuracy=None))) is None
+    shaking = replace(scene.wheels[0], dynamic_imbalance=1e-8)
+    assert shared_by_wheels(replace(scene, actuators=(shaking, *scene.wheels[1:]))) is None

@@ -1,0 +1,181 @@
+"""Campaigns of satellites with wheels and sensors side by side: the rows of each run alone."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import write
+
+from rb_dynamics.numerics.compilation import available
+from rb_dynamics.study.campaign import block_of_runs
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
+from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE, _block
+from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.read import read_campaign
+
+# The first test compiles the kernels.
+pytestmark = [pytest.mark.skipif(not available(), reason="needs numba"), pytest.mark.timeout(600)]
+
+WHEEL = "inertia: 1.0e-4, max_torque: 5.0e-4, max_speed: 12.0, friction: {coulomb: 2.0e-5, viscous: 1.0e-7}"
+SATELLITE = f"""\
+body:
+  mass: 10.0
+  inertia: {{diagonal: [0.05, 0.12, 0.14]}}
+  center_of_mass: [0.01, 0.0, 0.02]
+  frames:
+    skew: {{position: [0.1, 0, 0], orientation: {{x: 0.6, y: 0, z: 0, w: 0.8}}}}
+initial: {{position_world: [6.9e+6, 0, 0], linear_velocity_world: [0, 0, 7612.6],
+  angular_velocity_body: [0.01, -0.02, 0.015]}}
+wrenches: []
+effects: [{{type: central_gravity, gravitational_parameter: 3.986e+14, gravity_gradient: true}}]
+actuators:
+  - {{type: reaction_wheel, name: x, axis: [1, 0, 0], {WHEEL}}}
+  - {{type: reaction_wheel, name: y, axis: [0, 1, 0], {WHEEL}, speed: 3.0}}
+  - {{type: reaction_wheel, name: z, axis: [0, 0, 1], {WHEEL}}}
+sensors:
+  - {{type: imu, name: imu, frame: skew, rate: 10.0, delay: 0.03, dropout: 0.2,
+     gyro: {{bias: [0, 0, 0], noise_density: 1.0e-4, random_walk: 1.0e-5, misalignment: [0.01, 0, 0],
+       range: 0.05, resolution: 1.0e-5}}}}
+  - {{type: star_tracker, name: tracker, frame: skew, rate: 3.0, noise: 1.0e-3, delay: 0.1, dropout: 0.1}}
+solver: {{accuracy: 1.0e-7}}
+duration: 4.0
+output_rate: 4
+"""
+CAMPAIGN = """\
+scene: scene.yaml
+runs: 6
+seed: 3
+sampling: random
+disperse:
+  initial.angular_velocity_body: {normal: {deviation: 0.01}}
+  body.inertia: {second_moments: 0.1, axes: 0.05}
+  actuators.x.max_torque: {normal: {relative: 0.1}}
+  sensors.imu.gyro.bias: {normal: {deviation: 1.0e-3}}
+  control.delay: {choice: {values: [0.0, 0.07, 0.25]}}
+control: {law: attitude_pd, rate: 5, delay: 0, through: [x, y, z], parameters: {proportional: 0.02, derivative: 0.05}}
+metrics:
+  final_rate: {final: rate}
+  attitude: {final: attitude}
+  energy_defect: {worst: energy_defect}
+  energy: {final: energy}
+  speed: {worst: wheel_speed}
+  rejected: {final: rejected_commands}
+  clipped: {final: clipped_commands}
+"""
+LAW = """\
+import numpy as np
+
+
+def law(parameters):
+    calls = 0
+
+    def command(measured):
+        nonlocal calls
+        calls += 1
+        rate = measured.angular_velocity_body
+        found = {axis: 0.05 * rate[:, i] for i, axis in enumerate("xyz") if calls % (i + 2)}
+        BODY
+        return found
+
+    return command
+"""
+
+
+@pytest.fixture(autouse=True)
+def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+
+
+def require_rows_of_runs_alone(campaign: Campaign, runs: int) -> dict[str, Any]:
+    """Fly a block side by side, and require each run alone to have its row, to the bit."""
+    rows = simulate_block(campaign, 0, runs)
+    assert not any(rows["error"])
+    for run in range(runs):
+        for name, value in simulate_alone(campaign, run).items():
+            assert rows[name][run] == value, (run, name)
+    return rows
+
+
+def alone_in(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that will have the runs of blocks that are executed alone."""
+    found: list[int] = []
+    fly = block_of_runs._fly_alone
+
+    def noted(campaign: Campaign, run: Any) -> Any:
+        found.append(run.number)
+        return fly(campaign, run)
+
+    monkeypatch.setattr(block_of_runs, "_fly_alone", noted)
+    return found
+
+
+@pytest.mark.parametrize("solver", ["accuracy: 1.0e-7", "method: dop853, step: 0.05"])
+def test_runs_side_by_side_are_runs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
+    """With delays, lost samples, wandering biases, wheels at rest and at their limits; some begin too late."""
+    apart = alone_in(monkeypatch)
+    campaign = read_campaign(write(tmp_path, CAMPAIGN, SATELLITE.replace("accuracy: 1.0e-7", solver)))
+    rows = require_rows_of_runs_alone(campaign, 6)
+
+    assert len(set(apart)) == len(apart) < 3
+    assert min(rows["clipped"]) > 0.0
+    assert max(rows["speed"]) == pytest.approx(12.0)
+    parts = [simulate_block(campaign, first, last) for first, last in ((0, 2), (2, 6))]
+    for name in ("final_rate", "speed", "energy_defect"):
+        assert np.concatenate([part[name] for part in parts]).tolist() == rows[name].tolist()
+
+
+def test_runs_without_a_controller_or_sensors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    apart = alone_in(monkeypatch)
+    coasting = re.sub(r"control: .*\n", "", CAMPAIGN).replace(
+        "  control.delay: {choice: {values: [0.0, 0.07, 0.25]}}\n", ""
+    )
+    require_rows_of_runs_alone(read_campaign(write(tmp_path, coasting, SATELLITE)), 3)
+    scene = re.sub(r"sensors:.*solver", "solver", SATELLITE, flags=re.DOTALL)
+    ideal = re.sub(r"  sensors.imu.*\n", "", CAMPAIGN)
+    require_rows_of_runs_alone(read_campaign(write(tmp_path, ideal, scene)), 3)
+    assert not apart
+
+
+@pytest.mark.parametrize(
+    ("body", "alone"),
+    [
+        ("pass", False),
+        (
+            "found['x'] = 0.1 * measured.sensors['imu'].angular_velocity[:, 0] + measured.wheel_speeds['y'] * 1e-5",
+            False,
+        ),
+        ("found['x'] = measured.sensors['imu'].specific_force[:, 0]", True),
+        ("found['force'] = 0.001 * rate", True),
+    ],
+)
+def test_laws_of_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, alone: bool) -> None:
+    """They may command some wheels at a time; if they ask for more than there is side by side, the runs go alone."""
+    apart = alone_in(monkeypatch)
+    (tmp_path / "own.py").write_text(LAW.replace("BODY", body), encoding="utf-8")
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    require_rows_of_runs_alone(read_campaign(write(tmp_path, text, SATELLITE.replace("dropout: 0.2", "dropout: 0"))), 4)
+    assert (sorted(apart) == [0, 1, 2, 3]) == alone
+
+
+def test_a_law_that_fails_for_one_run_fails_that_run(tmp_path: Path) -> None:
+    body = "if (rate[:, 0] > 0.01).any() and calls > 8:\n            raise ValueError('too fast')"
+    (tmp_path / "own.py").write_text(LAW.replace("BODY", body), encoding="utf-8")
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    campaign = read_campaign(write(tmp_path, text, SATELLITE))
+    whole, single = simulate_block(campaign, 0, 6), [simulate_block(campaign, run, run + 1) for run in range(6)]
+    assert whole["error"] == [row["error"][0] for row in single]
+    assert 0 < sum(map(bool, whole["error"])) < 6
+    assert whole["energy"].tolist() == pytest.approx([row["energy"][0] for row in single], rel=0.0, nan_ok=True)
+
+
+def test_blocks_are_large_where_runs_go_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And small where kernels may be missing: each run then takes as long as alone."""
+    campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("runs: 6", "runs: 100000"), SATELLITE))
+    assert _block(campaign, 2) == SIDE_BY_SIDE
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    assert _block(campaign, 2) < SIDE_BY_SIDE
+    assert simulate_block(campaign, 0, 1)["error"] == [""]
