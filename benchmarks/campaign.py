@@ -12,7 +12,7 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `effects`: COUNT runs (default 500) of that with one effect, against the same runs without.
 `accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
     alone, in turn.
-`satellite`: COUNT runs (default 20) of 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and
+`satellite`: COUNT runs (default 200) of 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and
     star tracker at 2 Hz, attitude_pd, gravity gradient; Basilisk as for `peer`, with steps of 0.1 s.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
@@ -542,7 +542,7 @@ def main() -> None:
     elif args.what == "accuracy":
         by_accuracy(args.count or 200)
     elif args.what == "satellite":
-        satellite(args.count or 20, args.basilisk)
+        satellite(args.count or 200, args.basilisk)
     elif args.what == "memory":
         memory()
     else:
