@@ -38,9 +38,9 @@ class LoadScales(NamedTuple):
     Attributes:
         slowing: the rate (1/s) at which differences of velocity decay in a phase.
         sight: for how long (s) the load in a phase predicts the load ahead.
-        strength: the sum of the magnitudes (N) of their forces in a phase.
-        numbers: the load and all of this for kernels, see `compiled_load.py`; none if that is not known.
-        wheels: for kernels too, how wheels turn that act beside `numbers`, see `WheelSet.now`.
+        strength: the sum of the magnitudes (N) of the effects' forces in a phase.
+        numbers: load and predictions as numbers for kernels, see `compiled_load.py`; empty if there is no such form.
+        wheels: likewise for reaction wheels, see `WheelSet.now`.
         settled: when (s of the run) the load stops changing gradually; infinite for other loads.
     """
 
@@ -411,5 +411,5 @@ class Stepper:
 # Cached, because each candidate of `auto` requests the same.
 @lru_cache(maxsize=1)
 def _steady(load_from: LoadFrom, inertia: Inertia, held: HeldWrench, phase: PhaseState, longest: float) -> float:
-    """Return what `Stepper.steady` does."""
+    """As `Stepper.steady`."""
     return steady_time(load_from(phase), inertia, held, phase, longest)

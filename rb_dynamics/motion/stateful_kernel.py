@@ -37,10 +37,10 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, s
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
-# Where things stand among the numbers that a kernel is given: body and wrench, the phase, the other result of a pair,
-# the number of the next stage, and the weights of the tableau, a row for each stage and three for the result and its
-# errors. Then `WheelSet.now`; of all states their sums, the rounding errors of these, their values at a stage, and
-# their rates, first those of this stage, then of each. At the end come the numbers of the effects.
+# Layout of the array of a kernel: body and wrench, phase, second result of a pair, number of the next stage, and the
+# weights of the tableau, in a row for each stage and three for the result and its errors. Then `WheelSet.now`; and of
+# the inner states: sums, rounding errors of the sums, values at a stage, and rates, first at the present stage, then at
+# each stage. The numbers of the effects come last.
 OTHER = CONSTANTS + PHASE
 STAGE = OTHER + PHASE
 _ROWS = STAGE + 1
@@ -101,7 +101,7 @@ def evaluated_with_wheels(
 
 
 def layout(c: Numbers) -> tuple[int, int, int]:
-    """Return how many states there are, and where their sums and their values at a stage stand."""
+    """Return the number of inner states, and the offsets of their sums and of their values at a stage."""
     m, sums = states_of(c, WHEELS), WHEELS + length_of(c, WHEELS)
     return m, sums, sums + 2 * m
 
@@ -208,7 +208,7 @@ def _weights(tableau: SparseTableau) -> bytes:
 
 
 class StatefulSteps:
-    """Steps of one arc with wheels, by kernels.
+    """Takes the steps of one arc with wheels, by kernels.
 
     Attributes:
         numbers: that the kernels are given, as bytes, without phase and states.
@@ -222,7 +222,7 @@ class StatefulSteps:
         wheels: Sequence[float],
         effects: Sequence[float],
     ) -> None:
-        """Take steps under a held wrench, wheels (`WheelSet.now`) and effects (`effect_numbers`)."""
+        """Use a held wrench, wheels (`WheelSet.now`) and effects (`effect_numbers`)."""
         self._kernels = kernels
         count = states_of(wheels, 0)
         before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))

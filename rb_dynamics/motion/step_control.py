@@ -345,7 +345,7 @@ class AccuracyControl:
         return length, after
 
     def guess(self, phase: PhaseState, advance: Advance) -> Learnt:
-        """Return what is learnt, with a guess for the next stride from `phase` on."""
+        """Return the learnt state, with a guess for the next stride from `phase` on."""
         return self.learnt._replace(step=self.learnt.step or advance.steady(phase, first_guess(self.goal, phase)))
 
     def start(self) -> None:

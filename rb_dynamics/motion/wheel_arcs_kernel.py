@@ -403,4 +403,4 @@ _by_trial = specialise(
 
 _TAKE = "FunctionType(void(float64[::1], float64))"
 _ARRAYS = "float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1]"
-ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, int64, int64, int64, {_TAKE}, {_TAKE})", price=4.0)
+ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, int64, int64, int64, {_TAKE}, {_TAKE})", steps=4.0)

@@ -33,7 +33,7 @@ class _Measuring:
 
     @property
     def due_ns(self) -> int:
-        """When it takes its next sample."""
+        """Time of its next sample."""
         return self._times.of(self._sample)
 
     def take(self, truth: Truth) -> Measurement | None:

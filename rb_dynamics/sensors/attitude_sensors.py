@@ -23,7 +23,7 @@ def _size(unit: str) -> Range:
 
 
 def turned(orientation: Quaternion, size: float, key: Key, lane: int, sample: int) -> Quaternion:
-    """Return an attitude that is off by three angles of standard deviation `size` (rad) about the sensor's axes."""
+    """Return an attitude with random errors of standard deviation `size` (rad) about the sensor's three axes."""
     if not size > 0.0:
         return orientation
     a, b, c, _ = normal_numbers(key, sample, lane)
@@ -31,7 +31,7 @@ def turned(orientation: Quaternion, size: float, key: Key, lane: int, sample: in
 
 
 def moved(position: Vector, size: float, key: Key, lane: int, sample: int) -> Vector:
-    """Return a position that is off by `size` (m, standard deviation) along each axis."""
+    """Return a position with random errors of standard deviation `size` (m) along each axis."""
     a, b, c, _ = normal_numbers(key, sample, lane)
     return add_scaled(position, size, (a, b, c))
 

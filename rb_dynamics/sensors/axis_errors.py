@@ -116,7 +116,7 @@ class AxisErrors:
         return AxisNumbers(exp(self.misalignment), gain, white, step, self.range, self.resolution)
 
     def measuring(self, random: RandomNumbers, lane: int, rate: float) -> Callable[[int, Vector], Vector]:
-        """Begin to measure with noise of the lanes `lane` and `lane` + 1, which adds to what it gives."""
+        """Return a function that adds the errors to true vectors, with noise of the lanes `lane` and `lane` + 1."""
         numbers, key, bias = self.numbers(rate), random.key, self.bias
 
         def measure(sample: int, true: Vector) -> Vector:
@@ -158,4 +158,4 @@ def _shown(n: AxisNumbers, value: float) -> float:
 
 
 AXIS_KEYS = tuple(field.name for field in fields(AxisErrors))
-"""Their names in a scene."""
+"""Keys of the errors in a scene."""
