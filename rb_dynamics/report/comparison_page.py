@@ -144,12 +144,16 @@ def _momenta(found: Comparison) -> list[Section]:
 
 
 def _other(found: Comparison) -> Section:
-    rows = []
-    for head, lines, known in (
-        ("commands", text.command_lines(found), found.commands),
-        ("mass properties", text.body_lines(found), found.body),
-        ("run", text.named_lines(found.run), found.run if found.a.own and found.b.own else None),
-    ):
-        told = ["unknown"] if known is None else lines or ["the same"]
+    rows, listed = (
+        [],
+        [
+            ("commands", text.command_lines(found), found.commands),
+            ("mass properties", text.body_lines(found), found.body),
+        ],
+    )
+    if found.a.own and found.b.own:
+        listed.append(("run", text.named_lines(found.run), found.run))
+    for head, lines, known in listed:
+        told = lines or ["unknown" if known is None else "the same"]
         rows += [[head if number == 0 else "", line] for number, line in enumerate(told)]
     return Section("What else differs", table=Table(["", ""], rows, numeric=False))

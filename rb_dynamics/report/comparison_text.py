@@ -123,8 +123,15 @@ def _count(count: int | None, what: str) -> str:
 
 
 def body_lines(found: Comparison) -> list[str]:
-    """Return one line for each mass property that differs."""
-    return named_lines(found.body or ())
+    """Return one line for each mass property that differs, or those of the one whose body is known."""
+    if found.body is not None:
+        return named_lines(found.body)
+    known = [(name, side.body) for name, side in (("A", found.a), ("B", found.b)) if side.body is not None]
+    return [
+        f"of {name} alone: mass {_value(body.mass)} kg, center of mass {_value(body.center_of_mass)} m, inertia "
+        f"{_value(body.inertia)} kg m^2"
+        for name, body in known
+    ]
 
 
 def named_lines(differing: Any) -> list[str]:
@@ -141,9 +148,7 @@ def _value(value: Any) -> str:
 
 
 def _listed(head: str, lines: list[str], known: Any) -> list[str]:
-    if known is None:
-        return [f"{head:10}unknown"]
-    return [f"{head:10}{line}" for line in lines or ["the same"]]
+    return [f"{head:10}{line}" for line in lines or ["unknown" if known is None else "the same"]]
 
 
 def verdict(found: Comparison) -> str:

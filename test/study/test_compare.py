@@ -30,7 +30,7 @@ from rb_dynamics.formats.merging import merge
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.report.comparison_text import verdict
+from rb_dynamics.report.comparison_text import as_text, verdict
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
@@ -321,6 +321,14 @@ def test_a_flight_that_goes_on_between_two_outputs_differs_by_no_more_than_inter
 
 def _rows(series: Any, kept: Any) -> Any:
     return replace(series, time_ns=series.time_ns[kept], values=series.values[kept])
+
+
+def test_the_body_of_the_one_that_has_one_is_told(log: Path, folder: Path) -> None:
+    """A page on a changed inertia, against a bag without one, did not say which."""
+    bag = foreign(folder / "bodiless.mcap", log)
+    found = rb.compare(log, bag, align="stamp")
+    assert found.body is None
+    assert "body      of A alone: mass 2 kg, center of mass [0.01, 0, 0] m, inertia [[0.5, 0.02, 0]" in as_text(found)
 
 
 def test_without_a_twist_velocities_are_null(log: Path, folder: Path) -> None:

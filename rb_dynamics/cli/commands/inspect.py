@@ -149,7 +149,7 @@ def _row(
 
     found = inspect(log, scene, bound, topics, window, target)
     summary = found.summary
-    wrong = [check.name for check in summary.checks if not check.passed]
+    wrong = [f"{check.name}: {check.detail}" for check in summary.checks if not check.passed]
     facts = {"path": log} | found.as_dict()
     if verify:
         try:
