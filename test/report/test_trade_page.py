@@ -10,6 +10,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+
+pytest.importorskip("matplotlib", reason="extra 'plot' is not installed")
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

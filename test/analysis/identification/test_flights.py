@@ -66,7 +66,7 @@ def test_motion_between_samples_that_cannot_be_told_is_refused_before_the_fit(mo
             LogError, match=r"^flight: .* at most .* check that times are in sec.*; or record (\d+|several) "
         ):
             identify(guess(body), [flight])
-        with pytest.raises(LogError, match="cannot be told"):
+        with pytest.raises(LogError, match="its motion is ambiguous"):
             identify(guess(body), [made], validate=[flight])
 
 

@@ -408,7 +408,7 @@ def test_command_prints_json_with_floats_in_full(tmp_path: Path, capsys: pytest.
 
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert err == ""
+    assert err == f"wrote {page}\n"
     assert found.keys() >= {"rows", "recommended", "reference"}
     assert all(one.keys() == {field.name for field in fields(TradeRow)} for one in found["rows"])
     assert found["recommended"].keys() == {field.name for field in fields(Recommendation)}
