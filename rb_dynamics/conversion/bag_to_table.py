@@ -31,18 +31,23 @@ _ROWS = 20_000
 
 
 class Quantity(NamedTuple):
-    """Numbers of a message that belong together: name, components, unit, and the unit as a column name ends in it."""
+    """Numbers of a message that belong together: name, components, unit, and the unit as a column name ends in it.
+
+    `units` are those of the components, if they differ.
+    """
 
     name: str
     axes: tuple[str, ...]
     unit: str
     suffix: str
+    units: tuple[str, ...] = ()
 
     @property
     def columns(self) -> list[Column]:
         """Of a table."""
+        units = self.units or (self.unit,) * len(self.axes)
         parts = [filter(None, (self.name, axis, self.suffix)) for axis in self.axes]
-        return [Column("_".join(part), unit=self.unit) for part in parts]
+        return [Column("_".join(part), unit=unit) for part, unit in zip(parts, units, strict=True)]
 
 
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
@@ -75,9 +80,16 @@ QUANTITIES: dict[str, tuple[tuple[Quantity, int], ...]] = {
 }
 
 _SIX, _THREE = ("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z")
+_PRODUCTS = {("", ""): "m^2", ("r", "r"): "rad^2"}
 POSE_COVARIANCE, TWIST_COVARIANCE = (
-    Quantity(f"{name}_covariance", tuple(f"{row}_{column}" for row in _SIX for column in _SIX), "", "")
-    for name in ("pose", "twist")
+    Quantity(
+        f"{name}_covariance",
+        tuple(f"{row}_{column}" for row in _SIX for column in _SIX),
+        "",
+        "",
+        tuple(_PRODUCTS.get((row[:-1], column[:-1]), "m rad") + per for row in _SIX for column in _SIX),
+    )
+    for name, per in (("pose", ""), ("twist", "/s^2"))
 )
 _IMU_COVARIANCES = {
     measured: Quantity(

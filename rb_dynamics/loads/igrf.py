@@ -1,7 +1,7 @@
 """The International Geomagnetic Reference Field: coefficients from the package ppigrf, evaluated at a place and time.
 
-World axes are those of an inertial frame about the Earth: z along its axis, x to the equinox. The Earth turns in them
-by its rotation angle; precession, nutation and polar motion (0.14 degrees of the axis since 2000) are left out.
+World axes are those of an inertial frame about the Earth: z along its axis, x to the equinox of J2000. The Earth turns
+in them by its rotation angle; precession, nutation and polar motion (0.14 degrees of the axis since 2000) are left out.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.cli import main
 from rb_dynamics.conversion import bag_to_table
 from rb_dynamics.conversion.bag_to_rerun import bag_to_rerun
-from rb_dynamics.conversion.bag_to_table import FORCE, QUANTITIES, TORQUE, table_of
+from rb_dynamics.conversion.bag_to_table import FORCE, POSE_COVARIANCE, QUANTITIES, TORQUE, TWIST_COVARIANCE, table_of
 from rb_dynamics.conversion.convert import to_table
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
@@ -229,6 +229,16 @@ def test_a_bag_of_which_no_message_can_be_read_is_refused(tmp_path: Path) -> Non
     found = command("convert", good, bag, target)
     assert (found.returncode, len(target.read_text().splitlines())) == (1, 121)
     assert "left out: topic /" in found.stderr
+
+
+def test_each_covariance_has_its_unit() -> None:
+    units = {column.name: column.unit for each in (POSE_COVARIANCE, TWIST_COVARIANCE) for column in each.columns}
+    assert [units[f"pose_covariance_{pair}"] for pair in ("x_z", "x_rz", "ry_y", "rx_rx")] == [
+        "m^2", "m rad", "m rad", "rad^2",
+    ]  # fmt: skip
+    assert [units[f"twist_covariance_{pair}"] for pair in ("x_z", "x_rz", "rx_rx")] == [
+        "m^2/s^2", "m rad/s^2", "rad^2/s^2",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("sqlite", [False, True])
