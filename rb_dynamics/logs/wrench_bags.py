@@ -485,9 +485,9 @@ class RecordedWrenches:
                     )
                 if start == "auto":
                     self.notes.append(
-                        f"{bag.path}: none of its commands, {bag.span}, lies within the run, which "
-                        f"{self._run()}: time 0 is the start of the bag, {_seconds(time_0)} s; --wrench-start says "
-                        "otherwise"
+                        f"{bag.path}: its commands are stamped {bag.span}, by another clock than the run, which "
+                        f"{self._run()}: so time 0 is the start of the bag, {_seconds(time_0)} s; choose another with "
+                        "--wrench-start"
                     )
         self._bags = [self._looked_through(bag) if bag.by_log or bag.offset_ns else bag for bag in self._bags]
 

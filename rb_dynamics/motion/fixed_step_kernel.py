@@ -256,7 +256,9 @@ class OnDemand:
         if when == "never" or tally.none:
             return None
         try:
-            if self not in tally.used and (when == "always" or self._is_due(tally, ahead * self._each)):
+            if self not in tally.used and (
+                when == "always" or self._is_due(tally, ahead * self._each, missed * self._each)
+            ):
                 self.build(tally)
                 tally.used.add(self)
         except (ImportError, OSError, RuntimeError) as error:
@@ -268,7 +270,7 @@ class OnDemand:
         tally.miss(self, missed * self._each)
         return None
 
-    def _is_due(self, tally: Tally, ahead: float) -> bool:
+    def _is_due(self, tally: Tally, ahead: float, missed: float) -> bool:
         """Return whether to compile or load it now. If another process is to compile it, send the request."""
         if self._given_up or not available():
             return False
@@ -277,9 +279,9 @@ class OnDemand:
             return False
         steps = tally.expected(self, ahead)
         if tally.used or steps >= FEW:
-            # Looking for a file takes as long as half a step.
+            # Looking for a file takes as long as half a step: nothing beside many.
             self._look_after -= 1
-            if self._look_after > 0 and tally.missing == "beside":
+            if self._look_after > 0 and tally.missing == "beside" and missed < FEW:
                 return False
             if is_cached(self.name):
                 return True

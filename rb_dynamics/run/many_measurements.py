@@ -37,7 +37,7 @@ def shared_by_sensors(scene: Scene) -> Hashable | None:
 
 def kernel_at_hand() -> bool:
     """Return whether nothing has to be compiled to read them."""
-    return READ_ALL.get(_AHEAD, 1.0) is not None
+    return READ_ALL.get(_AHEAD, _AHEAD) is not None
 
 
 class _Sensor:

@@ -77,7 +77,9 @@ def kernels_at_hand(scene: Scene) -> bool:
     """Return whether nothing has to be compiled for an ensemble."""
     kernels = _kernels(scene)
     needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair)
-    return bool(needed) and all(each is None or each.get(_AHEAD, 1.0) is not None for each in needed)
+    # Each is asked for, also if another is missing.
+    found = [each.get(_AHEAD, _AHEAD) for each in needed if each is not None]
+    return bool(found) and None not in found
 
 
 def _kernels(scene: Scene) -> StatefulKernels | None:

@@ -527,3 +527,22 @@ def test_a_run_tells_at_once_how_far_it_goes(monkeypatch: pytest.MonkeyPatch) ->
     run.advance(NANOSECONDS // 10)
 
     assert asked[0] == 20_000
+
+
+def test_what_another_process_has_compiled_is_used_where_many_steps_are_taken_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of a block of runs, which asks once: it looked again after 200 requests, so a whole campaign ran without."""
+    kernel = fixed_step_kernel.OnDemand("rk4", lambda: None, "void()")
+    ready: list[str] = []
+    monkeypatch.setattr(fixed_step_kernel, "is_cached", lambda name: bool(ready))
+    monkeypatch.setattr(fixed_step_kernel, "ask_for", lambda name: True)
+    monkeypatch.setattr(fixed_step_kernel, "failure_of", lambda name: "")
+    monkeypatch.setattr(fixed_step_kernel, "available", lambda: True)
+    monkeypatch.setattr(fixed_step_kernel, "_when", lambda: "auto")
+    monkeypatch.setattr(fixed_step_kernel, "compile_kernel", lambda function, signature: "compiled")
+    with fixed_step_kernel.counted_by(fixed_step_kernel.Tally(missing="beside")):
+        assert kernel.get(1000.0, 1000.0) is None
+        ready.append(kernel.name)
+        assert kernel.get(1000.0, 1.0) is None, "one step of many: it does not look each time"
+        assert str(kernel.get(1000.0, 1000.0)) == "compiled"

@@ -43,7 +43,7 @@
   const shown = [];
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-  const bar = make("div", "bar", "", null);
+  const bar = make("div", "bar away", "", null);
   const clock = make("output", "", "", bar);
   const whole = make("button", "", "Show all", bar);
   const drag = make("button", "", "Drag zooms", bar);
@@ -277,9 +277,18 @@
         draw(target, figures.indexOf(target)).catch(() => target.classList.remove("touched"));
       }
     }, { rootMargin: "600px" });
+    // The bar covers text: it is there only with a plot.
+    const inView = new Set();
+    const looker = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) inView[isIntersecting ? "add" : "delete"](target);
+      bar.classList.toggle("away", !inView.size);
+    }, { rootMargin: "-80px" });
     figures.forEach((figure, number) => {
       const { plots } = data.figures[number];
-      if (plots.length && (canTurn || plots.every((plot) => plot.axes.length === 2))) watcher.observe(figure);
+      if (plots.length && (canTurn || plots.every((plot) => plot.axes.length === 2))) {
+        watcher.observe(figure);
+        looker.observe(figure);
+      }
     });
     document.querySelector("main").append(bar);
     whole.addEventListener("click", () => zoom(null));

@@ -47,7 +47,9 @@ def known_ahead(control: Control | None) -> bool:
 
 def at_hand(scene: Scene) -> bool:
     """Return whether they can go so at once, as nothing has to be compiled."""
-    return wheels_at_hand(scene) and (not scene.sensors or sensors_at_hand())
+    # Both are asked for.
+    found = [wheels_at_hand(scene), not scene.sensors or sensors_at_hand()]
+    return all(found)
 
 
 class _Values(Mapping[str, "Numbers"]):
