@@ -123,46 +123,62 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
 def _of_actuators(
     a: Track, b: Track, offset_ns: int, span_ns: tuple[int, int], tolerance_ns: int
 ) -> list[CommandDifference]:
-    """Return the actuators of two logs whose commands differ; each is known by its name."""
+    """Return the actuators of two logs that hold different commands within `span_ns`.
+
+    Thrusters are compared by the wrench that acts. Before the first command, none is held.
+    """
     found = []
-    one, other = _setpoints(a), _setpoints(b)
+    one, other = _setpoints(a, 0), _setpoints(b, offset_ns)
     for name in dict.fromkeys((*one, *other)):
-        (unit, times_a, values_a), (_, times_b, values_b) = (
-            each.get(name, ("", np.empty(0, np.int64), np.empty(0))) for each in (one, other)
-        )
-        sides = []
-        for times, values in ((times_a, values_a), (times_b - offset_ns, values_b)):
-            kept = (times >= span_ns[0]) & (times < span_ns[1])
-            sides.append((times[kept], values[kept]))
-        (first_ns, first), (second_ns, second) = sides
-        same = len(first) == len(second) and bool((abs(first_ns - second_ns) <= tolerance_ns).all())
-        if same and np.array_equal(first, second):
-            continue
-        count = min(len(first), len(second))
-        differ = (first[:count] != second[:count]) | (abs(first_ns[:count] - second_ns[:count]) > tolerance_ns)
-        place = int(differ.argmax()) if differ.any() else count
-        since = min(int(each[place]) for each in (first_ns, second_ns) if place < len(each))
-        # What one has and the other has not is compared with none.
-        most = max(len(first), len(second))
-        apart = np.pad(first, (0, most - len(first))) - np.pad(second, (0, most - len(second)))
-        counts = len(first) if name in one else None, len(second) if name in other else None
-        found.append(
-            CommandDifference(name, *counts, since, value=float(abs(apart).max()), unit=unit or other[name][0])
-        )
+        sides = one.get(name), other.get(name)
+        unit = next(side.unit for side in sides if side is not None)
+        edges = [side.time_ns for side in sides if side is not None]
+        at = np.unique(np.concatenate([np.array(span_ns[:1], dtype=np.int64), *edges]))
+        at = at[(at >= span_ns[0]) & (at < span_ns[1])]
+        x, y = (np.full(len(at), np.nan) if side is None else side.held(at) for side in sides)
+        # A difference no longer than the possible shift between the two means nothing.
+        long = np.diff(at, append=span_ns[1]) > tolerance_ns
+        differ = long & (x != y) & ~(np.isnan(x) & np.isnan(y))
+        if differ.any():
+            counts = tuple(None if side is None else int(np.isin(side.time_ns, at).sum()) for side in sides)
+            apart = np.abs(np.nan_to_num(x) - np.nan_to_num(y))
+            since, most = int(at[differ.argmax()]), float(apart[long].max())
+            found.append(CommandDifference(name, counts[0], counts[1], since, value=most, unit=unit))
     return found
 
 
-def _setpoints(track: Track) -> dict[str, tuple[str, Times, Array]]:
-    """Return unit, times and values of the commands to each actuator of a log, by its topic in the scene."""
+@dataclass(frozen=True)
+class _Setpoints:
+    """The commands to an actuator, each held until the next.
+
+    Attributes:
+        unit: of the values.
+        time_ns: when they came, ascending.
+        values: the commands.
+    """
+
+    unit: str
+    time_ns: Times
+    values: Array
+
+    def held(self, at: Times) -> Array:
+        """Return what is held at each time; NaN before the first command."""
+        last = self.time_ns.searchsorted(at, "right") - 1
+        return np.append(self.values, np.nan)[last]
+
+
+def _setpoints(track: Track, offset_ns: int) -> dict[str, _Setpoints]:
+    """Return the commands to each actuator of a log but its thrusters, by its topic in the scene."""
     scene = logged_scene(track.bag.attachments)
-    topics = (
-        {} if scene is None else {each.topic: (each.unit, topic_in_log(track, each.topic)) for each in scene.actuators}
-    )
-    known = {name for name, topic in track.bag.topics.items() if topic.count}
-    return {
-        name: (unit, *(track.bag.scalars(topic) if topic in known else (np.empty(0, np.int64), np.empty(0))))
-        for name, (unit, topic) in topics.items()
-    }
+    found = {}
+    for actuator in () if scene is None else scene.actuators:
+        if not isinstance(actuator, Thruster):
+            topic = track.bag.topics.get(topic_in_log(track, actuator.topic))
+            times, values = np.empty(0, np.int64), np.empty(0)
+            if topic is not None and topic.count:
+                times, values = track.bag.scalars(topic.name)
+            found[actuator.topic] = _Setpoints(actuator.unit, times - offset_ns, values)
+    return found
 
 
 def _sampled(track: Track) -> set[str]:

@@ -485,7 +485,7 @@ class RecordedWrenches:
                     )
                 if start == "auto":
                     self.notes.append(
-                        f"{bag.path}: its commands are stamped {bag.span}, by another clock than the run, which "
+                        f"{bag.path}: its commands are stamped {bag.span}, outside of the run, which "
                         f"{self._run()}: so time 0 is the start of the bag, {_seconds(time_0)} s; choose another with "
                         "--wrench-start"
                     )

@@ -294,7 +294,8 @@ def test_commands_to_actuators_and_changed_devices_are_named(folder: Path) -> No
     assert rb.compare(run, flown("again", asked)).commands == []
     for name, values, first_ns, size, counts in (
         ("other", [asked[0], (-0.0061, 2_000_000_000)], 2_000_000_000, 1e-4, (2, 2)),
-        ("more", [*asked, (0.002, 3_000_000_000)], 3_000_000_000, 0.002, (2, 3)),
+        ("more", [*asked, (0.002, 3_000_000_000)], 3_000_000_000, 0.008, (2, 3)),
+        ("earlier", [(0.001, 400_000_000), *asked], 400_000_000, 0.001, (2, 3)),
         ("none", [], 500_000_000, 0.006, (2, 0)),
     ):
         (found,) = rb.compare(run, flown(name, values)).commands or ()
@@ -302,6 +303,10 @@ def test_commands_to_actuators_and_changed_devices_are_named(folder: Path) -> No
             "wheel/command", first_ns, "N m", counts,
         )  # fmt: skip
         assert found.value == pytest.approx(size)
+    # What is held from before the part that is compared counts; a command that repeats the last one does not.
+    (held,) = rb.compare(run, flown("held", [(0.005, 500_000_000), asked[1]]), start_s=1.0).commands or ()
+    assert (held.first_ns, held.value) == (1_000_000_000, pytest.approx(0.001))
+    assert rb.compare(run, flown("repeated", [*asked, (-0.006, 3_000_000_000)])).commands == []
     changed = rb.compare(run, flown("heavier", asked, inertia=0.002))
     assert ("actuators.wheel.inertia", 0.001, 0.002) in changed.run
 
