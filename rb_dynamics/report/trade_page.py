@@ -266,14 +266,30 @@ def _plot(found: Trade) -> Plot:
     front = Curve(
         "front", _columns(found.front), "#808080", more={"line": {"color": "#808080", "width": 5}, "opacity": 0.4}
     )
+    rings = [
+        Curve(label, _columns(rows), "#808080", "dots", {"marker": _ring(size), "hoverinfo": "skip"})
+        for label, rows, size in _rings(found)
+    ]
     limits = [(0.7 * float(each.min()), 1.4 * float(each.max())) for each in (times, errors)]
+    bound = [np.array(limits[0]), np.full(2, found.reference.error)]
+    limits[1] = min(limits[1][0], 0.7 * found.reference.error), max(limits[1][1], 1.4 * found.reference.error)
     return Plot(
         "Error [rad, or relative to the path]",
-        [front, *curves],
+        [front, *curves, *rings, Curve("error of the reference", bound, "#808080", "dash")],
         ["computing for each simulated second [s]", ""],
         limits,
         (True, True),
     )
+
+
+def _ring(size: float) -> dict[str, Any]:
+    return {"symbol": "circle-open", "size": size, "color": "#808080", "line": {"width": 1.2}}
+
+
+def _rings(found: Trade) -> list[tuple[str, Sequence[TradeRow], float]]:
+    """Return what rings mark: its name, the runs, and the diameter (pt)."""
+    recommended = [("recommended", [found.recommended.row], 17.0)] if found.recommended else []
+    return [("on the front", found.front, 11.0), *recommended]
 
 
 def _columns(rows: Sequence[TradeRow]) -> tuple[Array, Array]:
@@ -310,9 +326,8 @@ def _mark_front(axes: Axes, found: Trade) -> None:
     """Draw the line of the front, rings round its runs, and another round the recommended one."""
     x, y = _columns(found.front)
     axes.step(x, y, where="post", color="#808080", alpha=0.2, linewidth=5.0)
-    rings = [(x, y, 11.0)] + ([(*_columns([found.recommended.row]), 17.0)] if found.recommended else [])
-    for x, y, size in rings:
-        axes.plot(x, y, "o", markersize=size, fillstyle="none", color=TEXT, markeredgewidth=1.2)
+    for _, rows, size in _rings(found):
+        axes.plot(*_columns(rows), "o", markersize=size, fillstyle="none", color=TEXT, markeredgewidth=1.2)
 
 
 def _bounds(axes: Axes, found: Trade, names: _Names) -> None:

@@ -124,10 +124,12 @@ def test_plot_has_every_run_once_every_method_in_the_legend_and_the_front_ringed
 def test_the_plot_has_the_same_runs_as_the_picture() -> None:
     found = traded()
     plot = trade_page._plot(found)
-    front, *methods = plot.curves
-    assert len(front.points[0]) == len(found.front)
-    assert [curve.label for curve in methods] == [*METHODS, "auto"]
-    assert sum(len(curve.points[0]) for curve in methods) == len(found.rows)
+    curves = {curve.label: curve.points for curve in plot.curves}
+    rows = [curves.pop(method) for method in (*METHODS, "auto")]
+    assert sum(len(points[0]) for points in rows) == len(found.rows)
+    # What the caption names.
+    assert [len(curves[name][0]) for name in ("front", "on the front", "recommended")] == [*[len(found.front)] * 2, 1]
+    assert curves["error of the reference"][1].tolist() == [found.reference.error] * 2
     assert plot.log == (True, True)
 
 
