@@ -57,12 +57,14 @@ def path_in_space(tracks: Sequence[tuple[str, Array, Array, Array]]) -> Picture 
             axes.plot(*(np.array([corner, end]) @ _SEEN).T, color="#808080", linewidth=1.2)
             x, y = (1.12 * end - 0.12 * corner) @ _SEEN
             axes.text(x, y, letter, color=TEXT, ha="center", va="center")
+            # Text alone makes no room for itself.
+            axes.update_datalim([(x, y)])
         for curve in curves:
             x, y = (np.column_stack(list(curve.points)) @ _SEEN).T
             look = {"line": "-", "dash": "--", "dots": "o"}[curve.look]
             axes.plot(x, y, look, color=curve.color, linewidth=1.3, markersize=4.5)
         axes.set_axis_off()
-        axes.set_aspect("equal")
+        axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.05)
         axes.set_title(f"{title}; the grey axes are {length:g} m long", loc="left", color=TEXT, fontsize=11.0)
 

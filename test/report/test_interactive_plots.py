@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,16 @@ def test_positions_far_from_zero_count_from_where_their_motion_is_seen() -> None
     assert "less (369" in plots.position_and_attitude(np.arange(float(len(far))), far, STILL).svg
     (near,) = path_in_space([("A", TIME, WAVE, STILL)]).plots()  # type: ignore[union-attr]
     assert "less" not in near.title
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_title_of_a_straight_path_is_at_the_left_and_the_letters_are_below_it(axis: int) -> None:
+    found = path_in_space([("A", TIME, np.outer(TIME, np.eye(3)[axis]), STILL)])
+    assert found is not None
+    texts = re.findall(r'x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', found.svg)
+    at = {text[:4]: (float(x), float(y)) for x, y, text in texts}
+    assert at["Path"][0] < 60.0
+    assert all(at[letter][1] > at["Path"][1] + 10.0 for letter in "xyz")
 
 
 def test_a_path_in_space_has_the_positions_and_the_body_axes() -> None:
