@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
+from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import Agreement
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.mcap_channel import is_latched

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.signals import MotionSignals, Signal, differences
+from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal, differences
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.body.rigid_body import RigidBody

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
+from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.onboard_devices import SensorErrors, WheelSpeeds, pointing_error
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize

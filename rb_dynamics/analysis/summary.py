@@ -14,13 +14,13 @@ from decimal import Decimal
 
 import numpy as np
 
-from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
 from rb_dynamics.analysis.gaps import silences
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
+from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
 from rb_dynamics.analysis.onboard_devices import Onboard, onboard
 from rb_dynamics.analysis.own_log_consistency import self_consistency
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements

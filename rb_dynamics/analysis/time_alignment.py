@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rb_dynamics.analysis.signals import MotionSignals, Signal, differences
+from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal, differences
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
 

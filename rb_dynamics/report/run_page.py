@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rb_dynamics.analysis.balance import Balance
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.inspection import inspect
+from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.summary import HALF, RunSummary
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry

@@ -58,7 +58,7 @@ from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
 from rb_dynamics.sinks.rerun_sensors import Readings
 from rb_dynamics.sinks.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
-from rb_dynamics.theory.rolling_ellipsoid import contact
+from rb_dynamics.theory.poinsot_geometry import contact
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rb_dynamics.analysis.balance import Balance, balances
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, integral
+from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.loads.wrench import Wrench

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rb_dynamics.analysis.signals import MotionSignals, Signal
+from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal
 from rb_dynamics.analysis.time_alignment import best_lag
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.rotation_arrays import exponentials, product

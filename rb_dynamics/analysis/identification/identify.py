@@ -19,7 +19,7 @@ from rb_dynamics.analysis.identification.coloured_noise import DOUBT, root_of, w
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
 from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
-from rb_dynamics.analysis.identification.omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
+from rb_dynamics.analysis.identification.missing_parameters import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of

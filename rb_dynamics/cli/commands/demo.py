@@ -130,8 +130,8 @@ def _differences(bag_file: Path, player: WrenchPlayer) -> dict[str, Difference]:
     import numpy as np
 
     from rb_dynamics.analysis.comparison import differences_of_motion
+    from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal
     from rb_dynamics.analysis.read_track import read_track
-    from rb_dynamics.analysis.signals import MotionSignals, Signal
     from rb_dynamics.errors import LogError
     from rb_dynamics.logs.bag_reader import read_bag
 

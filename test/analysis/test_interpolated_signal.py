@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rb_dynamics.analysis.signals import Signal, differences
+from rb_dynamics.analysis.interpolated_signal import Signal, differences
 from rb_dynamics.numerics.rotation_arrays import exponentials, product
 
 SMALL = st.floats(-1.0, 1.0, allow_subnormal=False)
