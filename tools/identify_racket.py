@@ -44,7 +44,7 @@ def throws(folder: Path) -> list[Flight]:
 
 def main() -> None:
     """Print the table."""
-    ratios, good = [], 0
+    ratios, errors, good = [], [], 0
     print("| throw | s | rad/s at most | rms, rad/s | moments over the largest | starts that agree |")
     print("|---|---|---|---|---|---|")
     flights = throws(Path(sys.argv[1]))
@@ -59,12 +59,16 @@ def main() -> None:
         good += left.rms < GOOD
         if left.rms < GOOD and known:
             ratios.append(shares)
+            # The racket is along y: its smallest moment is about that axis.
+            (least,) = (each for each in found.parameters if each.name == "inertia_ratios.yy")
+            errors.append(least.standard_error / least.value)
         shown = ", ".join(f"{share:.4f}" for share in shares) if known else "not told"
         name, agree = flight.name, f"{found.agreeing} of {found.starts}"
         print(f"| {name} | {seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {shown} | {agree} |", flush=True)
     spread = np.std(ratios, axis=0) / np.mean(ratios, axis=0)
     print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; the ratios of {len(ratios)} spread")
     print("by " + ", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
+    print(f"the median standard error of the smallest is {100 * np.median(errors):.1f} %")
 
 
 if __name__ == "__main__":
