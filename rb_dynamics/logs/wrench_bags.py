@@ -43,7 +43,7 @@ moved to theirs. An integer: that stamp, ns. auto: as with stamp for
 each bag of which some commands lie within the run so, as with bag for the others, unless they begin less than 1e6 s
 after a run that some bag reaches: these are later in the same time. Several bags are of one time: the earliest of their
 starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
-which says when each took effect, go by their log times.
+which says when each took effect, go by their log times. Commands to actuators have no stamps and always do.
 """
 
 _NANOSECONDS = 1_000_000_000
@@ -85,6 +85,12 @@ class _Span:
         """Return the first and the last time."""
         return f"at {_seconds(self.first_ns or 0)} to {_seconds(self.last_ns or 0)} s"
 
+    def sooner(self, by_ns: int) -> _Span:
+        """Return this by another clock."""
+        if self.first_ns is None or self.last_ns is None:
+            return self
+        return _Span(self.first_ns - by_ns, self.last_ns - by_ns, self.delay_ns)
+
     def add(self, times_ns: Times) -> None:
         """Count times, in the order in which they were recorded on one topic."""
         first_ns, last_ns = int(times_ns.min()), int(times_ns.max())
@@ -112,6 +118,7 @@ class _Recording:
         fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
+        clock_ns: if it has commands to actuators alone, how far its log times are behind the stamps of the others.
         within: commands between start and end of the run.
         early: commands before its start, which act from the start on, unless another follows.
         acting: those within that can be honoured.
@@ -137,6 +144,7 @@ class _Recording:
     fills: bool = False
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
+    clock_ns: int = 0
     within: int = 0
     early: int = 0
     acting: int = 0
@@ -151,15 +159,26 @@ class _Recording:
     unused: dict[str, str] = field(default_factory=dict)
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
+    setpoints: _Span = field(default_factory=_Span)
 
     @property
     def span(self) -> _Span:
-        """The commands by the clock that counts."""
+        """The commands by the clock that counts: wrenches, or if there are none, commands to actuators."""
+        if not self.count:
+            return self.setpoints.sooner(self.apart_ns)
         return self.log_times if self.by_log else self.stamps
 
     @property
+    def first_ns(self) -> int | None:
+        """The first command of either kind."""
+        firsts = (self.span.first_ns, self.setpoints.sooner(self.apart_ns).first_ns)
+        return min((each for each in firsts if each is not None), default=None)
+
+    @property
     def apart_ns(self) -> int:
-        """Delay of its log times relative to its stamps if these are of two clocks; else 0."""
+        """Delay of its log times relative to its stamps, or those of `clock_ns`, if these are of two clocks; else 0."""
+        if not self.count:
+            return self.clock_ns
         found = () if self.by_log else (self.behind_ns, None if self.partly_unset else self.unset_ns)
         behind_ns = min((each for each in found if each is not None), default=0)
         return behind_ns if abs(behind_ns) > _APART_NS else 0
@@ -180,10 +199,7 @@ class _Recording:
     @property
     def log_offset_ns(self) -> int:
         """Which log time is time 0 of the run."""
-        if self.ours or self.offset_ns or (self.count and not self.apart_ns):
-            return self.offset_ns + self.apart_ns
-        # If stamps of another clock, or none, give the time of the run, the run starts with the bag.
-        return self.offset_ns if self.by_log else self.begin_ns or 0
+        return self.offset_ns + self.apart_ns
 
     @property
     def unstamped(self) -> bool:
@@ -383,7 +399,9 @@ class RecordedWrenches:
             LogError: it cannot be read or is damaged.
         """
         behind_ns = bag.behind_ns if bag.fills else None
-        bag = _Recording(bag.path, bag.by_log, bag.offset_ns, behind_ns=behind_ns, fills=bag.fills)
+        bag = _Recording(
+            bag.path, bag.by_log, bag.offset_ns, behind_ns=behind_ns, fills=bag.fills, clock_ns=bag.clock_ns
+        )
         source = open_source(bag.path)
         for block in source.blocks():
             earliest_ns = int(block.log_times.min())
@@ -391,6 +409,8 @@ class RecordedWrenches:
             kind, name = named_type(block.channel), block.channel.topic
             if (name.rpartition("/")[2], kind) == SET_STATE:
                 bag.moves += len(block.log_times)
+            if self._drives(block.channel) is not None:
+                bag.setpoints.add(block.log_times)
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
@@ -466,12 +486,18 @@ class RecordedWrenches:
         """Find time 0 of the run, and search again the bags whose times are not as stamped."""
         for bag in self._bags:
             bag.by_log = bag.ours or bag.unstamped
+            if not bag.count:
+                bag.clock_ns = next((each.apart_ns for each in self._bags if each.count and _at_one_time(each, bag)), 0)
             if bag.unstamped and not bag.ours:
                 self.notes.append(f"{bag.path}: its commands have no stamps, so each acts at its log time")
         moved = self._bags
         if start == "auto":
             # A later part of a recording is not to begin at time 0, on top of an earlier one.
-            margin_ns = _ONE_CLOCK_NS if any(bag.count and bag.reaches(self._end_ns) for bag in self._bags) else 0
+            margin_ns = (
+                _ONE_CLOCK_NS
+                if any(bag.span.first_ns is not None and bag.reaches(self._end_ns) for bag in self._bags)
+                else 0
+            )
             moved = [bag for bag in self._bags if not bag.reaches(self._end_ns, margin_ns)]
         if moved:
             time_0 = self._time_0(start, moved)
@@ -485,18 +511,21 @@ class RecordedWrenches:
                     )
                 if start == "auto":
                     self.notes.append(
-                        f"{bag.path}: its commands are stamped {bag.span}, outside of the run, which "
+                        f"{bag.path}: its commands are {'stamped' if bag.count else 'recorded'} {bag.span}, outside of "
+                        f"the run, which "
                         f"{self._run()}: so time 0 is the start of the bag, {_seconds(time_0)} s; choose another with "
                         "--wrench-start"
                     )
-        self._bags = [self._looked_through(bag) if bag.by_log or bag.offset_ns else bag for bag in self._bags]
+        self._bags = [
+            self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.clock_ns else bag for bag in self._bags
+        ]
 
     def _time_0(self, start: Start, bags: Sequence[_Recording]) -> int:
         """Return what is time 0 of the run for `bags`."""
         if isinstance(start, int):
             return start
         if start == "first":
-            return min((bag.span.first_ns for bag in bags if bag.span.first_ns is not None), default=0)
+            return min((bag.first_ns for bag in bags if bag.first_ns is not None), default=0)
         return min(bag.start_ns for bag in bags)
 
     def _run(self) -> str:
@@ -592,6 +621,11 @@ def _batch(
     columns = time_ns, time_ns, np.full(topic.count, channel), arrival, wrench, frame, frame_ids
     commands = CommandBatch(*columns, Received((received,), np.zeros_like(rows), rows))
     return _Batch(times if bag.fills else stamps, topic.log_times, commands)
+
+
+def _at_one_time(a: _Recording, b: _Recording) -> bool:
+    """Return whether the log times of two bags are of one clock."""
+    return abs((a.begin_ns or 0) - (b.begin_ns or 0)) < _ONE_CLOCK_NS
 
 
 def _least(known: int | None, more: Times) -> int | None:

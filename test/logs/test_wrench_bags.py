@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rb_dynamics import inspect, parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, read_wrenches
@@ -265,6 +267,42 @@ def test_commands_to_actuators_act_when_they_were_recorded_by_the_clock_of_the_s
     path = write_rows(tmp_path / "bag.mcap", rows)
     found = RecordedWrenches([path], ["wrench"], 9 * SECOND, {"/wheel": "w/command"}, start, actuators=["w/command"])
     assert [(topic, point.value, point.stamp_ns) for topic, point in found.setpoints] == [("w/command", 0.5, expected)]
+
+
+def levels(path: Path, log_ns: Sequence[int]) -> Path:
+    """Write a bag of commands to an actuator alone."""
+    return write_rows(path, [("/w/command", "std_msgs/msg/Float64", at, cdr.encode(SCALAR, (0.5,))) for at in log_ns])
+
+
+@pytest.mark.parametrize(
+    ("wrenches", "log_ns", "start", "expected"),
+    [
+        # Alone: by their log times, which are their only times.
+        (None, 5 * SECOND, "auto", 5 * SECOND),
+        (None, 5 * SECOND, "stamp", 5 * SECOND),
+        (None, 5 * SECOND, 0, 5 * SECOND),
+        (None, 5 * SECOND, 2 * SECOND, 3 * SECOND),
+        (None, 5 * SECOND, "first", 0),
+        (None, WALL_NS, "auto", 0),
+        # Beside a bag of the same time, of a later start, and of stamps that are of another clock than the log times.
+        ((SECOND, SECOND), 5 * SECOND, "auto", 5 * SECOND),
+        ((WALL_NS, WALL_NS), WALL_NS + 5 * SECOND, "auto", 5 * SECOND),
+        ((WALL_NS, WALL_NS), WALL_NS + 5 * SECOND, "bag", 5 * SECOND),
+        ((WALL_NS, WALL_NS), WALL_NS + 5 * SECOND, "first", 5 * SECOND),
+        ((SECOND, WALL_NS), WALL_NS + 5 * SECOND, "auto", 6 * SECOND),
+        ((SECOND, WALL_NS), 5 * SECOND, "auto", 5 * SECOND),
+    ],
+)
+def test_commands_to_actuators_of_a_bag_of_their_own_are_of_one_time_with_the_others(
+    tmp_path: Path, wrenches: tuple[int, int] | None, log_ns: int, start: Start, expected: int
+) -> None:
+    """They began with their own bag: those of t = 1.5 s acted at 0."""
+    bags = [levels(tmp_path / "levels.mcap", [log_ns])]
+    if wrenches is not None:
+        row = ("/wrench", STAMPED, wrenches[1], stamped(wrenches[0], 1.0))
+        bags.append(write_rows(tmp_path / "wrenches.mcap", [row]))
+    found = RecordedWrenches(bags, ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
+    assert [point.stamp_ns for _, point in found.setpoints] == [expected]
 
 
 def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: Path) -> None:
