@@ -40,7 +40,7 @@ from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.command_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
-from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, decode_wrench, encode_received, encode_setpoint
+from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, acting, decode_wrench, encode_received, encode_setpoint
 from rb_dynamics.logs.own_log import (
     SampleRow,
     logged_scene,
@@ -323,8 +323,7 @@ def log_to_rerun(
     source = found.source
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
-    applied = {names[each.topic + APPLIED]: each.topic for each in scene.channels}
-    applied |= {names[name + APPLIED]: name for name, _ in scene.combined_effects.schedules()}
+    applied = {names[name + APPLIED]: name for name in acting(scene)}
     sink, count, span = RerunSink(target), 0, found.span(window_s)
     sink.open(RunInfo(scene, facts.get("method", ""), facts))
     try:

@@ -91,6 +91,15 @@ def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     return (*SAMPLE_TOPICS, *potential, *wheels, *((ACCEL,) if accel else ()))
 
 
+def acting(scene: Scene) -> list[str]:
+    """Return the names of all that holds a wrench, which a log has as `APPLIED`: channels, effects and thrusters."""
+    return [
+        *(channel.topic for channel in scene.channels),
+        *(name for name, _ in scene.combined_effects.schedules()),
+        *(each.name for each in scene.actuators if isinstance(each, Thruster)),
+    ]
+
+
 def log_topics(scene: Scene, accel: bool) -> list[tuple[str, str, str]]:
     """Return name, type and QoS of each topic of a log: of samples first, commands, what effects hold, and the rest."""
     usual, latched = qos_profile(sample_depth(scene)), qos_profile(1, "transient_local")

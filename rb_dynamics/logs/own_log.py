@@ -20,7 +20,6 @@ from rb_dynamics.formats.mcap_records import Message, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.output_file import is_log
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
-from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import (
     ACCEL,
@@ -30,6 +29,7 @@ from rb_dynamics.logs.messages import (
     SAMPLE_TOPICS,
     TF_STATIC,
     WHEELS,
+    acting,
     decode_setpoint,
     decode_wrench,
 )
@@ -162,12 +162,11 @@ def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
     """
     types = dict((*SAMPLE_TOPICS, POTENTIAL, MASS_PROPERTIES, TF_STATIC))
     if scene is not None:
-        for topic in [*(c.topic for c in scene.channels), *(name for name, _ in scene.combined_effects.schedules())]:
-            types |= {topic: WRENCH, topic + APPLIED: WRENCH}
+        types |= {channel.topic: WRENCH for channel in scene.channels}
+        types |= {name + APPLIED: WRENCH for name in acting(scene)}
         types |= {sensor.name: sensor.message for sensor in scene.sensors}
         types |= {WHEELS[0]: WHEELS[1]} if scene.wheels else {}
         types |= {actuator.topic: SCALAR for actuator in scene.actuators}
-        types |= {each.name + APPLIED: WRENCH for each in scene.actuators if isinstance(each, Thruster)}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
     names = usual | source.metadata.get(TOPICS, {})
     expected = {names[name]: type_name for name, type_name in types.items()}

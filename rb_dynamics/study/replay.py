@@ -44,7 +44,6 @@ from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
 from rb_dynamics.loads.command_channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.loads.command_table import CommandBatch, listed
-from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import (
     ACCEL,
@@ -55,6 +54,7 @@ from rb_dynamics.logs.messages import (
     SAMPLE_TOPICS,
     SET_STATE,
     TF_STATIC,
+    acting,
     block_encoder,
     decode_state_change,
     encode_applied,
@@ -412,9 +412,7 @@ class _Comparison:
         self._encode_block = None if accel else block_encoder(scene)
         self._body_frame = frames.body_frame
         commands = {channel.topic for channel in scene.channels}
-        held = [*commands, *(name for name, _ in scene.combined_effects.schedules())]
-        held += [each.name for each in scene.actuators if isinstance(each, Thruster)]
-        self._applied = {names[topic + APPLIED] for topic in held}
+        self._applied = {names[name + APPLIED] for name in acting(scene)}
         self._certain = {names[topic] for topic in (*commands, *(each.topic for each in scene.actuators))}
         self._once = {names[MASS_PROPERTIES[0]]: lambda time_ns: encode_inertia(scene, time_ns)}
         if frames.fixed:

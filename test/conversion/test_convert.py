@@ -232,3 +232,40 @@ def test_commands_to_actuators_go_to_a_table_and_back_to_the_same_run(tmp_path: 
     table.write_text("time_ns,command\n0,1\n")
     with pytest.raises(LogError, match="line 2, topic: found '', expected a ROS topic name"):
         table_to_bag(table, back)
+
+
+def test_rerun_gets_all_that_acts(tmp_path: Path) -> None:
+    """As `simulate --rerun` has it, but for wheels and sensors: forces of thrusters were lost without a word."""
+    pytest.importorskip("rerun")
+    from rerun_runs import Rrd
+
+    from rb_dynamics.sinks.rerun_sink import RerunSink
+
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}, frames: {j: {position: [0, 0.1, 0]}}}\n"
+        "wrenches: [{topic: push}]\n"
+        "effects: [{type: scheduled_wrench, schedule: [{time: 0.5, torque: [0, 1, 0]}]}]\n"
+        "actuators:\n"
+        "  - {type: thruster, name: jet, frame: j, force: 0.5, command: level}\n"
+        "  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, max_torque: 0.1}\n"
+        "duration: 2\noutput_rate: 30\n"
+    )
+    commands = [
+        ("push", Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.1), "body", 0)),
+        ("jet/command", Setpoint(1.0, 400_000_000)),
+        ("wheel/command", Setpoint(0.05, 600_000_000)),
+        ("jet/command", Setpoint(0.0, 1_500_000_000)),
+    ]
+    log, direct, converted = (tmp_path / name for name in ("run.mcap", "direct.rrd", "converted.rrd"))
+    simulate(scene, commands, [McapSink(log), RerunSink(direct)])
+    log_to_rerun(log, converted)
+    one, other = Rrd(direct), Rrd(converted)
+
+    missing = {key for key in one.rows if key[1] == "Scalars:scalars"} - set(other.rows)
+    assert missing == {("/wheels", "Scalars:scalars")}
+    acting = ("force/jet/body", "torque/jet/body", "force/push/body", "torque/effects/0/body")
+    for entity in (*acting, "position"):
+        assert other.times(entity) == one.times(entity)
+        assert other.values(entity).tolist() == one.values(entity).tolist()
+    arrow = ("world/center_of_mass/force", "Arrows3D:vectors")
+    assert other.values(*arrow).tolist() == one.values(*arrow).tolist()
