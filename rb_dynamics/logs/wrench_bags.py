@@ -118,7 +118,8 @@ class _Recording:
         fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
-        clock_ns: if it has commands to actuators alone, how far its log times are behind the stamps of the others.
+        others_behind_ns: how far its other messages are recorded behind their stamps, at least; None without any.
+        clock_ns: the same of the commands in another bag, for one without any stamp.
         within: commands between start and end of the run.
         early: commands before its start, which act from the start on, unless another follows.
         acting: those within that can be honoured.
@@ -144,6 +145,7 @@ class _Recording:
     fills: bool = False
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
+    others_behind_ns: int | None = None
     clock_ns: int = 0
     within: int = 0
     early: int = 0
@@ -178,7 +180,8 @@ class _Recording:
     def apart_ns(self) -> int:
         """Delay of its log times relative to its stamps, or those of `clock_ns`, if these are of two clocks; else 0."""
         if not self.count:
-            return self.clock_ns
+            behind_ns = 0 if self.ours else self.clock_ns if self.others_behind_ns is None else self.others_behind_ns
+            return behind_ns if abs(behind_ns) > _APART_NS else 0
         found = () if self.by_log else (self.behind_ns, None if self.partly_unset else self.unset_ns)
         behind_ns = min((each for each in found if each is not None), default=0)
         return behind_ns if abs(behind_ns) > _APART_NS else 0
@@ -411,6 +414,9 @@ class RecordedWrenches:
                 bag.moves += len(block.log_times)
             if self._drives(block.channel) is not None:
                 bag.setpoints.add(block.log_times)
+            if kind not in WRENCHES and (behind_ns := _first_behind(block, kind)) is not None:
+                known_ns = bag.others_behind_ns
+                bag.others_behind_ns = behind_ns if known_ns is None else min(known_ns, behind_ns, key=abs)
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
@@ -621,6 +627,17 @@ def _batch(
     columns = time_ns, time_ns, np.full(topic.count, channel), arrival, wrench, frame, frame_ids
     commands = CommandBatch(*columns, Received((received,), np.zeros_like(rows), rows))
     return _Batch(times if bag.fills else stamps, topic.log_times, commands)
+
+
+def _first_behind(block: MessageBlock, kind: str) -> int | None:
+    """Return how far the first message of a block is recorded behind its stamp (ns); None without a stamp."""
+    if cdr.LAYOUTS.get(kind, [None])[0] != cdr.STAMP:
+        return None
+    try:
+        stamp_ns = cdr.decode(kind, block.data[block.begins[0] : block.ends[0]].tobytes())[0]
+    except LogError:
+        return None
+    return int(block.log_times[0]) - stamp_ns if stamp_ns else None
 
 
 def _at_one_time(a: _Recording, b: _Recording) -> bool:

@@ -15,7 +15,7 @@ from rb_dynamics import inspect, parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.message_types import SCALAR
+from rb_dynamics.formats.message_types import POSE, SCALAR
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, read_wrenches
@@ -303,6 +303,15 @@ def test_commands_to_actuators_of_a_bag_of_their_own_are_of_one_time_with_the_ot
         bags.append(write_rows(tmp_path / "wrenches.mcap", [row]))
     found = RecordedWrenches(bags, ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
     assert [point.stamp_ns for _, point in found.setpoints] == [expected]
+
+
+def test_commands_to_actuators_alone_are_on_the_clock_of_the_motion_beside_them(tmp_path: Path) -> None:
+    pose = cdr.encode(POSE, 3 * SECOND, "world", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    level = cdr.encode(SCALAR, (0.5,))
+    rows: list[Row] = [("/pose", POSE, WALL_NS, pose), ("/w/command", SCALAR, WALL_NS + SECOND, level)]
+    bag = write_rows(tmp_path / "bag.mcap", rows)
+    found = RecordedWrenches([bag], [], 20 * SECOND, start="auto", actuators=["w/command"])
+    assert [point.stamp_ns for _, point in found.setpoints] == [4 * SECOND]
 
 
 def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: Path) -> None:
