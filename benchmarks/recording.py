@@ -34,7 +34,7 @@ from rb_dynamics.sinks import rerun_style as style
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_columns import gather
 from rb_dynamics.sinks.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.sinks.thinning import KeptSample
+from rb_dynamics.sinks.rerun_thinning import KeptSample
 
 SAMPLES = 20 * BATCH_ROWS
 WRITTEN = 10_000

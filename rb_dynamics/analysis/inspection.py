@@ -13,11 +13,11 @@ import numpy as np
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.onboard_devices import SensorErrors, WheelSpeeds, pointing_error
+from rb_dynamics.analysis.part_of_bag import Window, part_of
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual
-from rb_dynamics.analysis.window import Window, part_of
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.numerics.argument_checks import number, quaternion, shown

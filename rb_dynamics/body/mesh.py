@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.body.guarded_files import read_bounded
+from rb_dynamics.body.body_files import read_bounded
 from rb_dynamics.body.particles import inertia_from_second_moments
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import LARGEST, SMALLEST

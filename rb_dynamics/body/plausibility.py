@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from rb_dynamics.body import common_mistakes
+from rb_dynamics.body import inertia_mistakes
 from rb_dynamics.body.rigid_body import RigidBody, require_body, root_of_ratio
 from rb_dynamics.numerics.rotation import Matrix
 from rb_dynamics.numerics.vector import Vector, norm
@@ -100,8 +100,8 @@ def slip_behind(inertia: Matrix) -> str:
     In a valid matrix such a slip cannot be seen: 2 |Ixz| <= Iyy and so on for every body, so that a product in the
     place of a moment leaves no room for a moment in the place of a product.
     """
-    for order, reorder in common_mistakes.ORDERS.items():
-        if common_mistakes.is_body(reorder(inertia)):
+    for order, reorder in inertia_mistakes.ORDERS.items():
+        if inertia_mistakes.is_body(reorder(inertia)):
             return f"; with its six numbers in the order {order} it would be valid: they are probably in another order"
     return ""
 
@@ -184,7 +184,7 @@ def _flat(body: RigidBody) -> Finding | None:
 
 
 def _about_origin(body: RigidBody) -> Finding | None:
-    share = common_mistakes.leverage(body)
+    share = inertia_mistakes.leverage(body)
     if not LEVERAGE <= share <= 1.0:
         return None
     return Finding(
@@ -211,16 +211,16 @@ def _center(center_of_mass: Vector, solid: Solid) -> Finding | None:
 
 def _inertia(body: RigidBody, uniform: Matrix) -> Finding | None:
     """Return a finding where the inertia is far from that of the mesh, or has products of the opposite sign."""
-    apart = common_mistakes.difference(body.inertia, uniform)
+    apart = inertia_mistakes.difference(body.inertia, uniform)
     seen = f"the inertia differs from that of the mesh, filled uniformly, by {apart:.2g} of its largest entry"
     if apart > FAR:
-        for slip in common_mistakes.slips(body.inertia, body.mass, body.center_of_mass):
-            if common_mistakes.is_body(slip.undone) and common_mistakes.difference(slip.undone, uniform) <= CLOSE:
+        for slip in inertia_mistakes.slips(body.inertia, body.mass, body.center_of_mass):
+            if inertia_mistakes.is_body(slip.undone) and inertia_mistakes.difference(slip.undone, uniform) <= CLOSE:
                 return Finding(slip.name, seen, f"{slip.how} it agrees within {CLOSE:.0%}", slip.remedy)
         return Finding("mesh", seen, "no common mistake explains it", "check axes, units, and how uniform the body is")
     # Products are small beside moments, so that a wrong sign is not far: it has to halve the difference.
-    opposite = common_mistakes.difference(common_mistakes.negated(body.inertia), uniform)
-    if opposite < 0.5 * apart and common_mistakes.largest_product(uniform) > 0.01:
+    opposite = inertia_mistakes.difference(inertia_mistakes.negated(body.inertia), uniform)
+    if opposite < 0.5 * apart and inertia_mistakes.largest_product(uniform) > 0.01:
         remedy = "products stand as in the matrix, Ixy = -int xy dm: negate them"
         return Finding("negated-products", seen, f"with its products negated, by {opposite:.2g}", remedy)
     return None

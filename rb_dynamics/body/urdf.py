@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from rb_dynamics.body import particles
-from rb_dynamics.body.guarded_files import read_bounded
+from rb_dynamics.body.body_files import read_bounded
 from rb_dynamics.body.plausibility import Finding
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError

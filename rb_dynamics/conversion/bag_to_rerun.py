@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rb_dynamics.conversion.bag_to_table import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
 from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder, require_other
-from rb_dynamics.sinks.appearance import BLUE, GREEN, GREY, RED
-from rb_dynamics.sinks.thinning import Polyline
+from rb_dynamics.sinks.picture_style import BLUE, GREEN, GREY, RED
+from rb_dynamics.sinks.rerun_thinning import Polyline
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -15,9 +15,9 @@ from rb_dynamics.loads.effect import Field, Wrenching
 from rb_dynamics.loads.magnetorquer import Magnetorquer, turned_in_field
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
-from rb_dynamics.loads.transient import Transient
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
+from rb_dynamics.loads.wrench_transition import Transient
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add

@@ -27,8 +27,8 @@ from rb_dynamics.loads.command_table import (
 )
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.loads.transient import Transient, seen_in_one_frame
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
+from rb_dynamics.loads.wrench_transition import Transient, seen_in_one_frame
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion

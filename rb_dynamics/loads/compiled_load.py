@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 # end of a kernel's array, whatever precedes them.
 _WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
-# A lag is not a load of its own, see `transient.py`.
+# A lag is not a load of its own, see `wrench_transition.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Field
 from rb_dynamics.loads.igrf import EPOCH, field_in_world, terms_at
-from rb_dynamics.loads.ranges import check_vector
+from rb_dynamics.loads.number_ranges import check_vector
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled, dot, norm, scale, subtract

@@ -11,7 +11,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
 from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.loads.ranges import Range, check_vector, read_numbers
+from rb_dynamics.loads.number_ranges import Range, check_vector, read_numbers
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector, dot, norm, scale

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.effect import Effect, Field, Point, Potential
-from rb_dynamics.loads.ranges import check_vector
+from rb_dynamics.loads.number_ranges import check_vector
 from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.numerics.vector import Vector, dot, scale
 

@@ -43,8 +43,8 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase_state import PhaseState, Sums, grown
+from rb_dynamics.numerics.background_compilation import ask_for
 from rb_dynamics.numerics.compilation import available, compile_kernel, failure_of, is_cached, specialise
-from rb_dynamics.numerics.compiling_beside import ask_for
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
 

@@ -16,7 +16,7 @@ from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text
-from rb_dynamics.sinks.appearance import BLUE, CYAN, EYE, GREEN, GREY, MAGENTA, ORANGE, RED, Color
+from rb_dynamics.sinks.picture_style import BLUE, CYAN, EYE, GREEN, GREY, MAGENTA, ORANGE, RED, Color
 from rb_dynamics.sinks.rerun_sink import SPAWN, require_viewer, sending_to, started_viewer, viewer_address
 
 if TYPE_CHECKING:

@@ -19,7 +19,8 @@ from rb_dynamics.analysis.track import Array, TimeSeries, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.logs.messages import APPLIED
-from rb_dynamics.report import plots, text
+from rb_dynamics.report import inspection_text as text
+from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, write_html
 from rb_dynamics.report.path_figure import path_in_space
 from rb_dynamics.report.poinsot_figure import poinsot_view

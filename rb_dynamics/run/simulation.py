@@ -34,10 +34,10 @@ from rb_dynamics.loads.command_channels import (
 )
 from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
-from rb_dynamics.loads.transient import Transient, TransientLoad
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
+from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between

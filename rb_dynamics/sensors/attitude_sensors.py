@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from rb_dynamics.loads.ranges import Range, check_vector
+from rb_dynamics.loads.number_ranges import Range, check_vector
 from rb_dynamics.loads.wrench import FixedFrame
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, norm, scale

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Field
-from rb_dynamics.loads.ranges import Range, check_numbers, read_numbers
+from rb_dynamics.loads.number_ranges import Range, check_numbers, read_numbers
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.sinks import rerun_poinsot as poinsot
-from rb_dynamics.sinks.appearance import EYE, Eye
+from rb_dynamics.sinks.picture_style import EYE, Eye
 from rb_dynamics.sinks.rerun_sensors import TRUE, entities
 from rb_dynamics.sinks.rerun_style import COMMANDS_ON_PATH, DEFECTS, WHEELS, half_range
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.sinks.rerun_style import PlotLines
-from rb_dynamics.sinks.thinning import KeptSample
+from rb_dynamics.sinks.rerun_thinning import KeptSample
 
 Array = NDArray[np.float64]
 

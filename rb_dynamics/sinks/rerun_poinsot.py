@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.sinks.appearance import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
-from rb_dynamics.sinks.thinning import Piece, Trail
+from rb_dynamics.sinks.picture_style import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
+from rb_dynamics.sinks.rerun_thinning import Piece, Trail
 from rb_dynamics.theory.poinsot_geometry import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
 
 if TYPE_CHECKING:

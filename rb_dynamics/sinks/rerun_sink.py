@@ -3,8 +3,8 @@
 A picture of the run, not its archive: rows are thinned beyond a limit and 3D poses are float32 (the scalars are
 float64). The MCAP log keeps everything. Never changes a value of the run and never imports `rerun` before `open`.
 This file decides which entities are sent and when. Their looks are in `rerun_style.py`, the rolling ellipsoid in
-`rerun_poinsot.py`, the opening view in `rerun_blueprint.py`, the choice of rows in `thinning.py` and their columns in
-`rerun_columns.py`.
+`rerun_poinsot.py`, the opening view in `rerun_blueprint.py`, the choice of rows in `rerun_thinning.py` and their
+columns in `rerun_columns.py`.
 
 Entities: `world/body` (pose and mesh or equivalent box), `world/center_of_mass` (arrows of angular momentum, angular
 velocity, force, torque), `world/path`, `poinsot` (ellipsoid, plane and curves), one scalar entity for each field of
@@ -53,11 +53,11 @@ from rb_dynamics.run.sink import (
 )
 from rb_dynamics.sinks import rerun_poinsot as poinsot
 from rb_dynamics.sinks import rerun_style as style
-from rb_dynamics.sinks.appearance import eye_above
+from rb_dynamics.sinks.picture_style import eye_above
 from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
 from rb_dynamics.sinks.rerun_sensors import Readings
-from rb_dynamics.sinks.thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
+from rb_dynamics.sinks.rerun_thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.theory.poinsot_geometry import contact
 
 if TYPE_CHECKING:

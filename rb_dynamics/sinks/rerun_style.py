@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.vector import ZERO, Vector
-from rb_dynamics.sinks.appearance import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
+from rb_dynamics.sinks.picture_style import BLUE, CYAN, GREEN, GREY, MAGENTA, ORANGE, RED, YELLOW, Color
 from rb_dynamics.sinks.rerun_sensors import entities
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 from rb_dynamics import Simulation, parse_scene
 from rb_dynamics.analysis.latency import command_latencies
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.report.text import histogram
+from rb_dynamics.report.inspection_text import histogram
 from rb_dynamics.run.sink import Latency
 from rb_dynamics.sinks.mcap_sink import McapSink
 

@@ -10,7 +10,7 @@ from rb_dynamics.analysis.noise import centred, judge, means
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.unexplained_wrench import Residual
-from rb_dynamics.report.text import residual_sentence
+from rb_dynamics.report.inspection_text import residual_sentence
 from rb_dynamics.scene.model import Scene
 
 FEW = 8

@@ -14,8 +14,8 @@ from rb_dynamics.analysis.onboard_devices import Onboard
 from rb_dynamics.cli import main
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.report.html import write_html
+from rb_dynamics.report.inspection_text import as_text
 from rb_dynamics.report.run_page import run_report
-from rb_dynamics.report.text import as_text
 
 SCENE = """
 body:

@@ -17,7 +17,7 @@ from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, _possibl
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
-from rb_dynamics.report.text import residual_sentence
+from rb_dynamics.report.inspection_text import residual_sentence
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rb_dynamics.body import common_mistakes, plausibility
+from rb_dynamics.body import inertia_mistakes, plausibility
 from rb_dynamics.body.mesh import Solid
 from rb_dynamics.body.plausibility import Symmetry, compare, examine, slip_behind, symmetry
 from rb_dynamics.body.rigid_body import RigidBody
@@ -114,8 +114,8 @@ class TestOrder:
         ],
     )
     def test_a_slip_that_makes_an_impossible_matrix_is_named(self, order: str, read: Any) -> None:
-        assert not common_mistakes.is_body(read)
-        assert common_mistakes.ORDERS[order](read) == self.TRUE
+        assert not inertia_mistakes.is_body(read)
+        assert inertia_mistakes.ORDERS[order](read) == self.TRUE
         assert order in slip_behind(read)
 
     def test_no_order_is_named_where_none_helps(self) -> None:
@@ -152,18 +152,18 @@ class TestReferencePoint:
     def test_leverage_says_whether_the_inertia_could_be_about_the_origin(self, size: Any, turn: Any, c: Any) -> None:
         """m c^T S^-1 c < 1 just where I less the parallel-axis term is the inertia of a body."""
         body = box(size).body(2.0, c, rotation.exp(turn))
-        share = common_mistakes.leverage(body)
+        share = inertia_mistakes.leverage(body)
         assume(abs(share - 1.0) > 1e-6)
 
         moved = np.array(body.inertia) - steiner(body)
         second = np.trace(moved) / 2.0 * np.eye(3) - moved
         assert (share < 1.0) == bool(np.linalg.eigvalsh(second).min() > 0.0)
-        np.testing.assert_allclose(common_mistakes.about_center(body.inertia, 2.0, c), moved, atol=1e-12)
+        np.testing.assert_allclose(inertia_mistakes.about_center(body.inertia, 2.0, c), moved, atol=1e-12)
 
     @pytest.mark.parametrize(("c", "share"), [((0.0, 0.0, 0.1), float("inf")), ((0.1, 0.0, 0.0), 0.005)])
     def test_a_plate_has_no_leverage_along_its_normal(self, c: Any, share: float) -> None:
         """Moments 1, 2, 3 and 1 kg: second moments 2, 1 and 0."""
-        assert common_mistakes.leverage(RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0), c)) == pytest.approx(share)
+        assert inertia_mistakes.leverage(RigidBody.from_diagonal(1.0, (1.0, 2.0, 3.0), c)) == pytest.approx(share)
 
 
 class TestDensityAndReach:
@@ -190,7 +190,7 @@ class TestComparison:
 
     def solid(self, center: Any = (0.0, 0.0, 0.0)) -> Solid:
         body = slanted()
-        return Solid(1.0, center, common_mistakes.scaled(body.inertia, 1.0 / MASS), 0.5 * float(np.linalg.norm(SIZE)))
+        return Solid(1.0, center, inertia_mistakes.scaled(body.inertia, 1.0 / MASS), 0.5 * float(np.linalg.norm(SIZE)))
 
     def found(self, rows: Any, center: Any = (0.0, 0.0, 0.0)) -> Any:
         return compare(RigidBody.from_matrix(MASS, rows, center), self.solid(center))
@@ -202,7 +202,7 @@ class TestComparison:
         assert self.found((np.array(slanted().inertia) * 1.2).tolist()) == ()
 
     def test_negated_products(self) -> None:
-        (finding,) = self.found(common_mistakes.negated(slanted().inertia))
+        (finding,) = self.found(inertia_mistakes.negated(slanted().inertia))
 
         assert finding.name == "negated-products"
         assert "negate them" in finding.remedy
@@ -210,8 +210,8 @@ class TestComparison:
     def test_small_negated_products(self) -> None:
         """The moments alone do not show it."""
         small = box(SIZE).body(MASS, (0.0, 0.0, 0.0), rotation.exp((0.03, 0.02, 0.01)))
-        solid = Solid(1.0, (0.0, 0.0, 0.0), common_mistakes.scaled(small.inertia, 1.0 / MASS), 1.2)
-        wrong = RigidBody.from_matrix(MASS, common_mistakes.negated(small.inertia))
+        solid = Solid(1.0, (0.0, 0.0, 0.0), inertia_mistakes.scaled(small.inertia, 1.0 / MASS), 1.2)
+        wrong = RigidBody.from_matrix(MASS, inertia_mistakes.negated(small.inertia))
 
         assert [finding.name for finding in compare(wrong, solid)] == ["negated-products"]
         assert compare(small, solid) == ()
@@ -223,7 +223,7 @@ class TestComparison:
 
         assert finding.name == "about-origin"
 
-    @pytest.mark.parametrize(("factor", "unit"), common_mistakes.UNITS)
+    @pytest.mark.parametrize(("factor", "unit"), inertia_mistakes.UNITS)
     def test_units(self, factor: float, unit: str) -> None:
         (finding,) = self.found((np.array(slanted().inertia) * factor).tolist())
 
@@ -244,7 +244,7 @@ class TestComparison:
         assert (finding.name, finding.why) == ("mesh", "no common mistake explains it")
 
     def test_mass_and_place(self) -> None:
-        body = RigidBody.from_matrix(1e-3, common_mistakes.scaled(slanted().inertia, 1e-3 / MASS), (0.0, 0.0, 5.0))
+        body = RigidBody.from_matrix(1e-3, inertia_mistakes.scaled(slanted().inertia, 1e-3 / MASS), (0.0, 0.0, 5.0))
 
         assert [finding.name for finding in compare(body, self.solid())] == ["density", "centre-of-mass"]
 

@@ -11,7 +11,7 @@ from rerun_runs import BODY, COMMANDS, SCENE, Rrd, logged
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.sinks import rerun_poinsot as poinsot
-from rb_dynamics.sinks.appearance import eye_above
+from rb_dynamics.sinks.picture_style import eye_above
 from rb_dynamics.theory import poinsot as theory
 from rb_dynamics.theory.poinsot import invariable_plane
 

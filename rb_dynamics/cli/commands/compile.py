@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         raise RigidBodyError(f"found kernels {unknown}, expected some of {', '.join(kernels)}; name some of these")
     tally, failed = Tally(), 0
     if args.beside:
-        from rb_dynamics.numerics.compiling_beside import asked_for
+        from rb_dynamics.numerics.background_compilation import asked_for
 
         # A cache that was deleted meanwhile is not made again.
         names = (name for name in asked_for() if name in kernels and cache_folder().is_dir())

@@ -22,8 +22,8 @@ from rb_dynamics.numerics.argparse_types import real
 from rb_dynamics.numerics.number_parsing import real_number
 
 if TYPE_CHECKING:
+    from rb_dynamics.analysis.part_of_bag import Window
     from rb_dynamics.analysis.read_track import TopicChoice
-    from rb_dynamics.analysis.window import Window
     from rb_dynamics.cli.many_logs import Row
     from rb_dynamics.numerics.rotation import Quaternion
 
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.cli.many_logs import logs_of, report
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.mcap_integrity import require_library, verify_bag
-    from rb_dynamics.report.text import as_text
+    from rb_dynamics.report.inspection_text import as_text
     from rb_dynamics.scene import read_scene
 
     if args.verify:

@@ -11,7 +11,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import Range, summarize
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.report.text import WIDTH, as_text, smallest
+from rb_dynamics.report.inspection_text import WIDTH, as_text, smallest
 
 POSE = "geometry_msgs/msg/PoseStamped"
 

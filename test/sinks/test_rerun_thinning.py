@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rb_dynamics.loads.command_channels import AppliedWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.sinks.thinning import KeptSamples, Polyline, Thinner, Trail, WrenchHistory, WrenchPart
+from rb_dynamics.sinks.rerun_thinning import KeptSamples, Polyline, Thinner, Trail, WrenchHistory, WrenchPart
 
 
 def still(index: int) -> Sample:
