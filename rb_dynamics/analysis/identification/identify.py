@@ -20,13 +20,14 @@ from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
 from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.missing_parameters import CHANCE, TOLD, Omission, Trial, best_with, trials
+from rb_dynamics.analysis.identification.one_body import Estimate, chance_of_one_body, model_of_others, predicting
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import QuadraticDrag
@@ -48,6 +49,10 @@ STARTS = 4
 
 # A number is determined if at most this part of its change is in undetermined directions.
 _HIDDEN = 0.05
+# Of what is plausible, the error of a direction that is not determined: a fit may stop anywhere in it.
+_OPEN = 30.0
+# Fits of one body differ by chance as much as that in one of ten thousand recordings only.
+_CHANCE_OF_ONE_BODY = 1e-4
 # More of them explain anything.
 _MOST_OMISSIONS = 2
 # Against the direction in which the inertia changes most: less is rounding.
@@ -111,6 +116,8 @@ class Identification:
         omissions: loads that the scene does not have and errors of sensors that were not to be fitted: first those that
             were found, which the fit and the scene here have, then those that were tried.
         validation: residuals of recordings that were held out; of those the start alone is fitted.
+        chance: that a fit to those differs at least as much from this one, if both are of one body, and 0 if no body
+            explains them; None if they are predicted.
     """
 
     recordings: tuple[str, ...]
@@ -129,6 +136,7 @@ class Identification:
     predicted: tuple[Predicted, ...]
     omissions: tuple[Omission, ...] = ()
     validation: tuple[Residuals, ...] = ()
+    chance: float | None = None
 
     @property
     def explained(self) -> bool:
@@ -137,20 +145,17 @@ class Identification:
 
     @property
     def validated(self) -> bool | None:
-        """Whether the fit predicts the recordings that were held out; None without any."""
-        return not self._mispredicted if self.validation else None
+        """Whether the fit predicts the recordings that were held out; None without any, or if it cannot tell.
+
+        It cannot if its own errors explain why it does not predict them.
+        """
+        if not self.validation or (self._mispredicted and (self.chance or 0.0) > _CHANCE_OF_ONE_BODY):
+            return None
+        return not self._mispredicted
 
     @property
     def _mispredicted(self) -> list[Residuals]:
-        """What is held out and not explained, nor about as well as what was fitted is."""
-        fitted: dict[str, float] = {}
-        for each in self.residuals:
-            fitted[each.kind] = max(each.times_noise, fitted.get(each.kind, 0.0))
-        return [
-            each
-            for each in self.validation
-            if not each.explained and each.times_noise > _AS_WELL * fitted.get(each.kind, 0.0)
-        ]
+        return _missed(self.validation, self.residuals)
 
     @property
     def unexplained(self) -> list[str]:
@@ -167,14 +172,18 @@ class Identification:
             if not each.explained
         ] + [
             f"the fit does not predict what was held out: residuals of {each.topic} {each.kind} are "
-            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion: the body, or "
-            "what acts on it, is another there"
+            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion: "
+            + (
+                "the body, or what acts on it, is another there"
+                if self.validated is False
+                else "the fit is too uncertain to tell, as its own errors explain them; fit a longer recording, or more"
+            )
             for each in self._mispredicted
         ]
 
     @property
     def passed(self) -> bool:
-        """Whether the fit converged, everything that was asked for is known, and what was held out is predicted.
+        """Whether the fit converged, everything asked for is known, and nothing held out contradicts it.
 
         Without names, anything at all is to be known. A fit that does not follow its recording determines nothing.
         """
@@ -212,6 +221,7 @@ class Identification:
             "omissions": [each.as_dict() for each in self.omissions],
             "validation": _by_topic(self.validation),
             "validated": self.validated,
+            "validation_chance": self.chance,
             "notes": list(self.notes),
         }
 
@@ -299,21 +309,44 @@ def identify(
     model = Model(known, flights, names or _default(flights))
     # A fit waits for its kernel: without it each flight takes a hundred times as long.
     with counted_by(Tally()):
-        result = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
+        result, report = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
     if held_out:
-        sensors = tuple(name for name in model.fit if name == "gyro_bias")
-        rest = Model(result.scene, held_out, ("initial", *sensors))
+        rest = predicting(report.model, report.z, result.scene, held_out)
         alone = fitted(rest, 1, loss, seed)
         result = replace(result, validation=tuple(residuals_of(rest, alone, fit_bands(alone))))
+        if result.validated is False:
+            result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
     return result
 
 
-def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> Identification:
-    """Return the result of a fit, with the missing load if that explains all of the residuals.
+def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int, loss: str, seed: int) -> float:
+    """Return the chance that a fit to what was held out differs that much from `report`, if it is the same body.
+
+    It is 0 if no body explains what was held out.
+    """
+    other = model_of_others(report.model, report.fit.z, held_out)
+    try:
+        found = _Report(other, fitted(other, starts, loss, seed), ())
+    except LogError:
+        return 0.0
+    if _missed(found.residuals, report.residuals):
+        return 0.0
+    return chance_of_one_body(report.estimate, found.estimate)
+
+
+def _missed(held_out: Sequence[Residuals], fitted: Sequence[Residuals]) -> list[Residuals]:
+    """Return what is held out and not explained, nor about as well as what was fitted is."""
+    least: dict[str, float] = {}
+    for each in fitted:
+        least[each.kind] = max(each.times_noise, least.get(each.kind, 0.0))
+    return [each for each in held_out if not each.explained and each.times_noise > _AS_WELL * least.get(each.kind, 0.0)]
+
+
+def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple[Identification, _Report]:
+    """Return the result of a fit, with the missing load if that explains all of the residuals, and what it is from.
 
     A load that is certain but explains only a part is not the truth either: the fit stays, and its errors are widened
-        by
-    as much as that load would move the numbers.
+    by as much as that load would move the numbers.
     """
     bare = _Report(model, fit, names)
     result = bare.identification()
@@ -327,13 +360,14 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> Ident
         if all(each.white and each.explained for each in whole.residuals):
             sure = [wide.settled(trial).omission(shift, True) for trial, shift in found]
             others = [trial.omission(wide.shift(trial.step)) for trial in tried]
-            return replace(whole, omissions=(*sure, *others), notes=(*_of_omissions(sure), *whole.notes))
+            return replace(whole, omissions=(*sure, *others), notes=(*_of_omissions(sure), *whole.notes)), wide
     others = [trial.omission(bare.shift(trial.step)) for trial in first_tried]
     part = [each for each in others if each.chance <= CHANCE]
     if part:
         steps = [trial.step for trial in first_tried if trial.chance <= CHANCE]
-        result = _Report(model, fit, names, moved=steps).identification()
-    return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes))
+        bare = _Report(model, fit, names, moved=steps)
+        result = bare.identification()
+    return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes)), bare
 
 
 def _of_parts(part: Sequence[Omission]) -> list[str]:
@@ -451,7 +485,14 @@ class _Report:
             self.unseen, self.z = directions, np.zeros(len(fit.z))
         from scipy.special import stdtrit
 
-        self.quantile = float(stdtrit(freedom, 0.975))
+        self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The parameters and their covariance, large where they are not determined."""
+        open_ = _OPEN**2 * self.unseen @ self.unseen.T
+        covariance = self.local @ (self.covariance + open_) @ self.local.T
+        return Estimate(self.model.layout, self.z, covariance, self.freedom)
 
     def identification(self) -> Identification:
         parameters = self.told = tuple(self._parameters())

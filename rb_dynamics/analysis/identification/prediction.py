@@ -532,7 +532,7 @@ class Model:
             name, factor = f"wrench_scale.{topic}", 1.0
             if name in self.layout:
                 block = self.layout[name]
-                held_by[:, :12, block.at.start - self._held_from] = acting
+                held_by[:, :12, block.at.start - self._held_from] = acting * block.scale
                 factor = block.values(z)[0]
             held[:, :12] += factor * acting
             if "center_of_mass" in self.layout and at_point.any():
@@ -661,9 +661,11 @@ class Model:
         by[:, :, mine] = scale[:, None] * (mount @ spin)
         if names["gyro_alignment"] in layout:
             outer = np.swapaxes(rotations.right_jacobians(align), -1, -2)
-            by[:, :, layout[names["gyro_alignment"]].at] = -scale[:, None] * (rotations.hats(turned) @ outer)
+            block = layout[names["gyro_alignment"]]
+            by[:, :, block.at] = -scale[:, None] * (rotations.hats(turned) @ outer) * block.scale
         if names["gyro_scale"] in layout:
-            by[:, :, layout[names["gyro_scale"]].at] = turned[:, :, None] * np.eye(3)
+            block = layout[names["gyro_scale"]]
+            by[:, :, block.at] = turned[:, :, None] * np.diag(block.scale)
         left = scale * turned - stream.values
         bias = f"gyro_bias[{number}].{stream.topic}"
         if bias in layout:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene
-from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.flights import Flight, Stream
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.loads.drag import LinearDrag
 from rb_dynamics.loads.gyrostat_rotor import Rotor
@@ -142,6 +142,46 @@ def test_a_held_out_flight_of_another_body_is_named_and_fails() -> None:
 
     assert (found.explained, found.validated, found.passed) == (True, False, False)
     assert found.unexplained[0].startswith("the fit does not predict what was held out: residuals of")
+
+
+def test_a_short_fit_cannot_tell_of_a_long_flight_but_of_another_body() -> None:
+    """A fit of 0.6 s leaves numbers that miss six seconds by many times the noise: that is no other body."""
+    random = np.random.default_rng(2)
+    body = random_body(random)
+    made = flown(body, random, seconds=0.6, torque=2.0)
+    held_out = flown(body, random, seconds=6.0, torque=2.0)
+    heavier = RigidBody.from_matrix(body.mass, (1.6 * np.array(body.inertia)).tolist())
+    strange = flown(heavier, random, seconds=6.0, torque=2.0)
+    same, other = (identify(guess(body), [made], ["inertia"], validate=[each]) for each in (held_out, strange))
+
+    assert same.validation[0].times_noise > 5.0
+    assert (same.passed, same.validated, same.as_dict()["validated"]) == (True, None, None)
+    assert (same.chance or 0.0) > 0.01
+    assert "the fit is too uncertain to tell, as its own errors explain them" in same.unexplained[0]
+    assert (other.passed, other.validated) == (False, False)
+    assert other.chance == pytest.approx(0.0, abs=1e-6)
+    assert "the body, or what acts on it, is another there" in other.unexplained[0]
+
+
+@pytest.mark.parametrize("fit", ["delay", "gyro_scale"])
+def test_what_was_found_of_sensors_holds_for_what_is_held_out(fit: str) -> None:
+    """No scene has it, so it was missing from the prediction, which was then far off."""
+    random = np.random.default_rng(0)
+    body = random_body(random)
+    flights = [flown(body, random, torque=3.0, force=1.0, pose=1e-3) for _ in range(2)]
+    if fit == "delay":
+        flights = [
+            replace(each, channels=tuple(replace(c, time_ns=c.time_ns - 60_000_000) for c in each.channels))
+            for each in flights
+        ]
+    else:
+        flights = [replace(each, streams=(of_rates(each, 1.1), *each.streams[1:])) for each in flights]
+    assert identify(guess(body), flights[:1], ["inertia", "mass", fit], validate=flights[1:]).validated is True
+
+
+def of_rates(flight: Flight, scale: float) -> Stream:
+    """Return the gyro of a flight with an error of its scale."""
+    return replace(flight.streams[0], values=scale * flight.streams[0].values)
 
 
 def test_a_scene_with_the_velocity_in_body_axes_is_fitted() -> None:
