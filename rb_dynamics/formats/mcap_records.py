@@ -15,9 +15,10 @@ import os
 import stat
 import struct
 import zlib
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import accumulate
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeAlias, TypeVar
 
@@ -25,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.one_ahead import one_ahead
 
 # One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
 MAX_RECORD_BYTES = 256 * 2**20
@@ -81,13 +83,24 @@ _FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
-_MESSAGE_HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+# Of a message, with the record it is in.
+_HEADS = np.dtype(
+    [
+        *(("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")),
+        *(("log_time", "<u8"), ("publish_time", "<u8")),
+    ]
+)
 # The number of messages put into blocks together, where they come one by one.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
-# Chunks are processed together up to this size; as much of the next ones is unpacked meanwhile.
-_TOGETHER_BYTES = _AHEAD_BYTES = 2**20
+# Chunks are processed together up to this size; as much of the next ones is read and unpacked meanwhile.
+_TOGETHER_BYTES = 2**20
+# So many layouts of them are kept.
+_LAYOUTS = 4
+# Records of most chunks are short, and read together.
+_BUFFER_BYTES = 2**18
 
 Places: TypeAlias = NDArray[np.int64]
+_Heads: TypeAlias = NDArray[np.void]
 _Read = TypeVar("_Read", "Message", "MessageBlock")
 
 
@@ -226,7 +239,8 @@ class McapFile:
     _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
     _before: tuple[Places, Places] = (np.empty(0, np.int64), np.empty(0, np.int64))
-    _held: list[tuple[bytes, Places, Places]] = field(default_factory=list)
+    _layouts: dict[tuple[int, ...], _Layout] = field(default_factory=dict)
+    _held: list[bytes] = field(default_factory=list)
     _held_bytes: int = 0
 
     def messages(self) -> Iterator[Message]:
@@ -249,7 +263,7 @@ class McapFile:
         """Yield what `take` makes of the messages; of those outside of chunks it gets as many `at_once`."""
         require_file(self.path)
         try:
-            with self.path.open("rb") as file:
+            with self.path.open("rb", _BUFFER_BYTES) as file:
                 yield from self._messages(file, take, at_once)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror or error}; check the path") from error
@@ -269,6 +283,7 @@ class McapFile:
         self._counts.clear()
         self._note_summary(file, size)
         self._held, self._held_bytes = [], 0
+        self._layouts.clear()
         try:
             yield from self._taken(file, size, take, at_once)
         except (LogError, UnicodeDecodeError):
@@ -277,55 +292,59 @@ class McapFile:
             raise
 
     def _taken(self, file: BinaryIO, size: int, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
-        loose: list[bytes] = []
-        for opcode, content, unpacked in self._ahead(self._records(file, size)):
-            if opcode == Opcode.MESSAGE:
-                loose.append(content)
-                if len(loose) < at_once:
-                    continue
-            if loose:
-                yield from self._loose_messages(loose, take)
-                loose = []
-            if opcode == _CUT_CHUNK:
-                yield from self._cut_chunk(content, take)
-            elif unpacked is not None:
-                yield from self._chunk(content, unpacked, take)
-            elif opcode == Opcode.FOOTER:
-                yield from self._held_messages(take)
-                self.complete = file.read(len(MAGIC)) == MAGIC
-                self._hold_statistics()
-                return
-            elif opcode != Opcode.MESSAGE:
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        loose = 0
+        with contextlib.closing(self._ahead(self._records(file, size))) as records:
+            for opcode, content, unpacked in records:
+                if opcode == Opcode.MESSAGE:
+                    self._hold(_RECORD.pack(opcode, len(content)) + content)
+                    loose += 1
+                    if loose < at_once and self._held_bytes < _TOGETHER_BYTES:
+                        continue
+                if loose:
                     yield from self._held_messages(take)
-                self._note_loose(opcode, content)
-        if loose:
-            yield from self._loose_messages(loose, take)
+                    loose = 0
+                if opcode == _CUT_CHUNK:
+                    yield from self._cut_chunk(content, take)
+                elif opcode == Opcode.CHUNK:
+                    yield from self._chunk(content, unpacked, take)
+                elif opcode == Opcode.FOOTER:
+                    yield from self._held_messages(take)
+                    self.complete = file.read(len(MAGIC)) == MAGIC
+                    self._hold_statistics()
+                    return
+                elif opcode != Opcode.MESSAGE:
+                    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                        yield from self._held_messages(take)
+                    self._note_loose(opcode, content)
         yield from self._held_messages(take)
 
-    def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes, _Unpacked | None]]:
-        """Yield records, those of chunks with what gives their content, which other threads unpack meanwhile.
+    def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Generator[_Prepared, None, None]:
+        """Yield opcode and content of each record, and of a chunk what it holds, read and unpacked by another thread.
 
-        Errors of a record are raised in its turn; to salvage, each is examined after all before it are finished.
+        To salvage, nothing is read ahead: each record is examined after all before it are finished.
         """
-        from concurrent.futures import ThreadPoolExecutor
+        if self.salvage:
+            yield from ((opcode, content, None) for opcode, content in records)
+            return
+        with contextlib.closing(one_ahead(self._prepared(records))) as ahead:
+            for several in ahead:
+                yield from several
 
-        waiting: deque[tuple[int, bytes, _Unpacked | None]] = deque()
-        size, fault = 0, None
-        with ThreadPoolExecutor(1) as threads:
-            try:
-                for opcode, content in records:
-                    unpacked = threads.submit(self._decompressed, content).result if opcode == Opcode.CHUNK else None
-                    waiting.append((opcode, content, unpacked))
-                    size += _size(opcode, content)
-                    while waiting and (size > _AHEAD_BYTES or self.salvage):
-                        size -= _size(*waiting[0][:2])
-                        yield waiting.popleft()
-            except (LogError, OSError) as error:
-                fault = error
-            yield from waiting
-        if fault is not None:
-            raise fault
+    def _prepared(self, records: Iterator[tuple[int, bytes]]) -> Iterator[list[_Prepared]]:
+        several: list[_Prepared] = []
+        size = 0
+        try:
+            for opcode, content in records:
+                unpacked = self._decompressed(content) if opcode == Opcode.CHUNK else None
+                several.append((opcode, content, unpacked))
+                size += len(content if unpacked is None else unpacked)
+                if size >= _TOGETHER_BYTES:
+                    yield several
+                    several, size = [], 0
+        except (LogError, OSError, UnicodeDecodeError):
+            yield several
+            raise
+        yield several
 
     def _note_summary(self, file: BinaryIO, size: int) -> None:
         """Keep what the summary repeats, to salvage: schemas, channels, and places of chunks that may be damaged."""
@@ -360,53 +379,98 @@ class McapFile:
                 raise
             self.damage.append(str(error))
 
-    def _loose_messages(self, contents: list[bytes], take: _Take[_Read]) -> Iterator[_Read]:
-        ends = np.cumsum([len(content) for content in contents], dtype=np.int64)
-        self._hold(b"".join(contents), np.append(0, ends)[:-1], ends)
-        yield from self._held_messages(take)
-
-    def _hold(self, data: bytes, begins: Places, ends: Places) -> None:
-        """Keep the message records between `begins` and `ends` until `_held_messages` takes them."""
-        if len(ends):
-            self._held.append((data, begins + self._held_bytes, ends + self._held_bytes))
-            self._held_bytes += len(data)
+    def _hold(self, data: bytes) -> None:
+        """Keep what a chunk holds until `_held_messages` takes it."""
+        self._held.append(data)
+        self._held_bytes += len(data)
 
     def _held_messages(self, take: _Take[_Read]) -> Iterator[_Read]:
-        """Yield what `take` makes of the records that are held: many small chunks one by one would take long."""
+        """Yield what `take` makes of what is held: many small chunks one by one would take long."""
         if not self._held:
             return
-        parts, places, ends = zip(*self._held, strict=True)
-        self._held, self._held_bytes = [], 0
-        data, begins = b"".join(parts), np.concatenate(places)
-        yield from take(data, begins, np.concatenate(ends))
-        self._counts["messages"] += len(begins)
-        first, last = (_MESSAGE_HEAD.unpack_from(data, at)[2] for at in (begins[0], begins[-1]))
-        self.span_ns = first if self.span_ns is None else self.span_ns[0], last
+        parts, self._held, self._held_bytes = self._held, [], 0
+        data, sizes = b"".join(parts), tuple(map(len, parts))
+        layout = self._layouts.get(sizes)
+        if layout is not None and len(layout.begins) <= self._records_left:
+            heads = layout.heads(data)
+            if (heads["opcode"] == _MESSAGE).all() and (heads["length"] == layout.lengths).all():
+                self._records_left -= len(heads)
+                yield from self._placed(data, layout, heads, take)
+                return
+        yield from self._walked(data, sizes, take)
 
-    def _one_by_one(self, data: bytes, begins: Places, ends: Places) -> Iterator[Message]:
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+    def _walked(self, data: bytes, sizes: tuple[int, ...], take: _Take[_Read]) -> Iterator[_Read]:
+        """Yield what `take` makes of chunks of these sizes, after a walk from record to record."""
+        places: list[tuple[Places, Places]] = []
+        end, alone = 0, True
+        for limit in accumulate(sizes):
+            start = end
+            begins, ends = self._as_before(data, start, limit)
+            end = int(ends[-1]) if len(ends) else start
+            left = self._records_left - len(ends)
+            more: list[int] = []
+            while end < limit:
+                begin = end + _RECORD.size
+                opcode, length = _RECORD.unpack_from(data, end) if begin <= limit else (0, 0)
+                end = begin + length
+                left -= 1
+                if opcode == _MESSAGE and end <= limit and left >= 0:
+                    more += begin, end
+                    continue
+                # Other records apply to what follows them.
+                self._records_left, alone = left, False
+                layout = _layout([*places, _places(begins, ends, more)])
+                yield from self._placed(data, layout, layout.heads(data), take)
+                places, begins, ends, more = [], begins[:0], ends[:0], []
+                if opcode == 0 or end > limit:
+                    raise self._damage("has a chunk that ends within a record")
+                if left < 0:
+                    raise _TooManyRecordsError(
+                        f"{self.path} holds more records than a recording of its size: more than {_RECORDS_PER_BYTE} "
+                        f"for each byte and {_FREE_RECORDS}, expected messages, which differ; record it again"
+                    )
+                self._note(opcode, data[begin:end])
+            self._records_left = left
+            begins, ends = _places(begins, ends, more)
+            places.append((begins, ends))
+            # A short chunk leaves those of a longer one that it begins like.
+            if more:
+                self._before = begins - start, ends - start
+        layout = _layout(places)
+        if alone and layout.timed:
+            if len(self._layouts) == _LAYOUTS:
+                self._layouts.clear()
+            self._layouts[sizes] = layout
+        yield from self._placed(data, layout, layout.heads(data), take)
+
+    def _placed(self, data: bytes, layout: _Layout, heads: _Heads, take: _Take[_Read]) -> Iterator[_Read]:
+        """Yield what `take` makes of the messages of a layout."""
+        if len(layout.begins):
+            yield from take(data, layout, heads)
+            self._counts["messages"] += len(layout.begins)
+            first, last = (_MESSAGE_HEAD.unpack_from(data, layout.begins[row])[2] for row in (0, -1))
+            self.span_ns = first if self.span_ns is None else self.span_ns[0], last
+
+    def _one_by_one(self, data: bytes, layout: _Layout, _: _Heads) -> Iterator[Message]:
+        for begin, end in zip(layout.begins.tolist(), layout.ends.tolist(), strict=True):
             message = self._message(data, begin, end)
             if message is not None:
                 yield message
 
-    def _by_channel(self, data: bytes, begins: Places, ends: Places) -> Iterator[MessageBlock]:
+    def _by_channel(self, data: bytes, layout: _Layout, heads: _Heads) -> Iterator[MessageBlock]:
         """Yield blocks, in the order in which the channels come."""
-        raw, contents = np.frombuffer(data, np.uint8), begins + _MESSAGE_HEAD.size
-        if (contents <= ends).all():
-            heads = _at(raw, begins, _MESSAGE_HEAD.size).view(_MESSAGE_HEADS)[:, 0]
-            channels, log_times = heads["channel"].copy(), heads["log_time"].astype(np.int64)
-            numbers = channels[np.sort(np.unique(channels, return_index=True)[1])].tolist()
-            in_time = max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME
-            if in_time and self.channels.keys() >= set(numbers):
+        if layout.timed and max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME:
+            channels = layout.of_channels(heads["channel"])
+            if self.channels.keys() >= channels.keys():
+                raw, log_times = np.frombuffer(data, np.uint8), heads["log_time"].astype(np.int64)
                 times = np.empty(0, np.int64)
-                for number in numbers:
-                    at = np.flatnonzero(channels == number)
-                    own_times = log_times[at]
+                for number, (rows, begins, ends) in channels.items():
+                    own_times = log_times[rows]
                     times = times if np.array_equal(times, own_times) else own_times
-                    yield MessageBlock(self.channels[number], times, raw, contents[at], ends[at])
+                    yield MessageBlock(self.channels[number], times, raw, begins, ends)
                 return
         # An error is raised at the message that causes it.
-        yield from in_blocks(self._one_by_one(data, begins, ends))
+        yield from in_blocks(self._one_by_one(data, layout, heads))
 
     def _instead(self, begin: bytes, file: BinaryIO) -> tuple[str, str]:
         """Return what a file is that is not an MCAP file, and what to do with it."""
@@ -429,9 +493,10 @@ class McapFile:
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         """Yield the complete records, and the remains of a chunk that was cut off as `_CUT_CHUNK`."""
+        start = file.tell()
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
-            start = file.tell()
+            start += _RECORD.size
             # No record has opcode 0: a disk that lost its power leaves zeros.
             astray = opcode == 0 or length > size - start
             if astray and self.salvage and (chunk := _next_chunk(file, start, size)) is not None:
@@ -440,7 +505,7 @@ class McapFile:
                 )
                 gone = (times for place, times in self._chunks.items() if start - _RECORD.size <= place < chunk)
                 self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
-                file.seek(chunk)
+                start = file.seek(chunk)
                 continue
             if opcode == 0:
                 return
@@ -456,10 +521,11 @@ class McapFile:
                     return
             else:
                 file.seek(length, os.SEEK_CUR)
+            start += length
 
-    def _chunk(self, content: bytes, unpacked: _Unpacked, take: _Take[_Read]) -> Iterator[_Read]:
+    def _chunk(self, content: bytes, unpacked: bytes | None, take: _Take[_Read]) -> Iterator[_Read]:
         try:
-            yield from self._chunk_messages(unpacked(), take)
+            self._hold(self._decompressed(content) if unpacked is None else unpacked)
             if self.salvage or self._held_bytes >= _TOGETHER_BYTES:
                 yield from self._held_messages(take)
         except (LogError, UnicodeDecodeError) as error:
@@ -477,50 +543,19 @@ class McapFile:
         # It ends within a record: that is not damage, the file is not complete.
         with contextlib.suppress(LogError, UnicodeDecodeError):
             compression, size, _, data = self._chunk_head(content, cut=True)
-            yield from self._chunk_messages(self._unpacked(compression, data, size), take)
-        with contextlib.suppress(LogError, UnicodeDecodeError):
+            self._hold(self._unpacked(compression, data, size))
             yield from self._held_messages(take)
 
-    def _chunk_messages(self, data: bytes, take: _Take[_Read]) -> Iterator[_Read]:
-        begins, ends = self._as_before(data)
-        end, size = int(ends[-1]) if len(ends) else 0, len(data)
-        left = self._records_left - len(ends)
-        more: list[int] = []
-        while end < size:
-            begin = end + _RECORD.size
-            opcode, length = _RECORD.unpack_from(data, end) if begin <= size else (0, 0)
-            end = begin + length
-            left -= 1
-            if opcode == _MESSAGE and end <= size and left >= 0:
-                more += begin, end
-                continue
-            # Other records apply to what follows them.
-            self._records_left = left
-            self._hold(data, *_places(begins, ends, more))
-            yield from self._held_messages(take)
-            begins, ends, more = begins[:0], ends[:0], []
-            if opcode == 0 or end > size:
-                raise self._damage("has a chunk that ends within a record")
-            if left < 0:
-                raise _TooManyRecordsError(
-                    f"{self.path} holds more records than a recording of its size: more than {_RECORDS_PER_BYTE} for "
-                    f"each byte and {_FREE_RECORDS}, expected messages, which differ; record it again"
-                )
-            self._note(opcode, data[begin:end])
-        self._records_left = left
-        self._before = _places(begins, ends, more)
-        self._hold(data, *self._before)
-
-    def _as_before(self, data: bytes) -> tuple[Places, Places]:
+    def _as_before(self, data: bytes, start: int, limit: int) -> tuple[Places, Places]:
         """Return the places of the first messages of a chunk, as many as have the places of those of the chunk before.
 
         Recorders write the same messages again and again; each that is where it is expected gives the start of the
         next.
         """
         begins, ends = self._before
-        within = min(int(np.searchsorted(ends, len(data), side="right")), self._records_left)
-        begins, ends = begins[:within], ends[:within]
-        if not within or begins[0] != _RECORD.size:
+        within = min(int(np.searchsorted(ends, limit - start, side="right")), self._records_left)
+        begins, ends = begins[:within] + start, ends[:within] + start
+        if not within or begins[0] != start + _RECORD.size:
             return begins[:0], ends[:0]
         heads = _at(np.frombuffer(data, np.uint8), begins - _RECORD.size, _RECORD.size).view(_RECORDS)[:, 0]
         differing = (heads["opcode"] != _MESSAGE) | (heads["length"] != ends - begins)
@@ -691,13 +726,57 @@ def _converted(path: Path, bag: str) -> str:
     return f"rosbags-convert --src {path} --dst {bag} --dst-storage mcap (pip install rosbags)"
 
 
-_Take: TypeAlias = Callable[[bytes, Places, Places], Iterator[_Read]]
-_Unpacked: TypeAlias = Callable[[], bytes]
+# Opcode and content of a record, and of a chunk what it holds, if it is unpacked.
+_Prepared: TypeAlias = tuple[int, bytes, "bytes | None"]
 
 
-def _size(opcode: int, content: bytes) -> int:
-    """Return the size of a record, and the size that a chunk declares for its content."""
-    return len(content) + (int.from_bytes(content[16:24], "little") if opcode == Opcode.CHUNK else 0)
+@dataclass
+class _Layout:
+    """Where messages are in chunks: mostly the next ones have them there, too, as recorders repeat themselves.
+
+    Attributes:
+        begins, ends: of the content of each message's record.
+        lengths: of it.
+        timed: every message is long enough to have its times.
+    """
+
+    begins: Places
+    ends: Places
+    _channels: NDArray[np.uint16] = field(default_factory=lambda: np.empty(0, np.uint16))
+    _of_channels: dict[int, tuple[Places, Places, Places]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.lengths = self.ends - self.begins
+        self.timed = bool((self.lengths >= _MESSAGE_HEAD.size).all())
+
+    def heads(self, data: bytes) -> _Heads:
+        """Return the heads of the messages in chunks; none if not every message has its times."""
+        if not (self.timed and len(self.begins)):
+            return np.empty(0, _HEADS)
+        return _at(np.frombuffer(data, np.uint8), self.begins - _RECORD.size, _HEADS.itemsize).view(_HEADS)[:, 0]
+
+    def of_channels(self, channels: NDArray[np.uint16]) -> dict[int, tuple[Places, Places, Places]]:
+        """Return the messages of each channel: their rows, and where the bytes of each begin and end.
+
+        Args:
+            channels: that of each message.
+        """
+        if not np.array_equal(channels, self._channels):
+            self._channels = channels.copy()
+            numbers = dict.fromkeys(channels.tolist())
+            rows = {number: np.flatnonzero(channels == number) for number in numbers}
+            self._of_channels = {
+                number: (at, self.begins[at] + _MESSAGE_HEAD.size, self.ends[at]) for number, at in rows.items()
+            }
+        return self._of_channels
+
+
+def _layout(places: list[tuple[Places, Places]]) -> _Layout:
+    begins, ends = zip(*places, strict=True)
+    return _Layout(np.concatenate(begins), np.concatenate(ends))
+
+
+_Take: TypeAlias = Callable[[bytes, _Layout, _Heads], Iterator[_Read]]
 
 
 def _at(data: NDArray[np.uint8], begins: Places, length: int) -> NDArray[np.uint8]:
