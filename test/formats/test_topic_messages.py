@@ -13,6 +13,7 @@ from bag_rows import add
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_channel import log_channel
+from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema, in_blocks
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import ODOMETRY, PLAIN_WRENCH, TWIST
 from rb_dynamics.formats.output_file import OutputFile
@@ -41,6 +42,20 @@ def test_stamps_and_numbers_are_those_of_the_messages(late_from: int) -> None:
     assert topic.texts == [
         (0, ("world", "base")), (1, ("map", "base")), (2000, ("world", "base")), (2001, ("map", "base")),
     ]  # fmt: skip
+
+
+def test_strings_that_change_within_a_block_or_between_blocks_are_kept() -> None:
+    """Of one length: what the messages before had in common is not taken for granted."""
+    topic = Topic("/odom", ODOMETRY)
+    channel = McapChannel("/odom", Schema(ODOMETRY), "cdr", {})
+    frames = [*("map",) * 1500, *("odo",) * 1500, *("map", "odo") * 500]
+    rows = [Message(channel, k, k, odometry(k, k, frame)) for k, frame in enumerate(frames)]
+    for first in range(0, len(rows), 750):
+        for block in in_blocks(rows[first : first + 750]):
+            topic.take(block)
+    changes = [(0, "map"), (1500, "odo"), *((k, frames[k]) for k in range(3000, 4000))]
+    assert topic.texts == [(row, (frame, "base")) for row, frame in changes]
+    assert topic.numbers[:, 0].tolist() == [float(k) for k in range(len(frames))]
 
 
 def test_a_type_without_header_has_its_log_times() -> None:
