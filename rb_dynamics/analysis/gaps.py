@@ -41,7 +41,10 @@ def longest_usual(time_ns: Times | Array) -> float:
     steps = np.diff(time_ns)
     if len(steps) < 3:
         return float(np.inf)
-    usual, long = (float(part) for part in np.quantile(steps, (0.5, 0.9), overwrite_input=True))
+    if (steps == steps[0]).all():
+        usual = long = float(steps[0])
+    else:
+        usual, long = (float(part) for part in np.quantile(steps, (0.5, 0.9), overwrite_input=True))
     even = sum(int((np.abs(part - usual) <= 0.01 * usual).sum()) for part in in_blocks(steps))
     if usual > 0.0 and even / len(steps) >= 0.9:
         return _GAP * usual

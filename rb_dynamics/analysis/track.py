@@ -13,7 +13,7 @@ from rb_dynamics.analysis.stamp_order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.growing_array import give_back
-from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
@@ -246,7 +246,7 @@ def parts(count: int, together: int = 1) -> Iterator[slice]:
 
 def sizes_of(rows: Array) -> Array:
     """Return the length of each row, or the magnitude of each number."""
-    blocks = [np.abs(block) if block.ndim == 1 else np.linalg.norm(block, axis=1) for block in in_blocks(rows)]
+    blocks = [np.abs(block) if block.ndim == 1 else lengths(block) for block in in_blocks(rows)]
     return np.concatenate(blocks) if blocks else np.empty(0)
 
 
@@ -294,6 +294,6 @@ def shared(one: Times, other: Times) -> tuple[Times, Rows, Rows]:
 
 def unit_rows(orientation_xyzw: Array) -> Array:
     """Return each quaternion divided by its norm; zero stays zero."""
-    norms = np.linalg.norm(orientation_xyzw, axis=1, keepdims=True)
+    norms = lengths(orientation_xyzw)[:, None]
     result: Array = orientation_xyzw / np.where(norms > 0.0, norms, 1.0)
     return result
