@@ -144,6 +144,7 @@ class MessageBlock(NamedTuple):
         log_times: ns, (n,) of int64; blocks of the same times may share one array.
         data: the bytes that contain the messages.
         begins, ends: where each is there, (n,).
+        apart: how far apart they begin, all of one length; 0 if they are not alike, None if that is not known.
     """
 
     channel: McapChannel
@@ -151,6 +152,7 @@ class MessageBlock(NamedTuple):
     data: NDArray[np.uint8]
     begins: Places
     ends: Places
+    apart: int | None = None
 
     def messages(self) -> list[Message]:
         """Return the messages one by one, as published when they were logged."""
@@ -162,14 +164,20 @@ class MessageBlock(NamedTuple):
 
         They may be views of `data`.
         """
-        lengths = self.ends - self.begins
-        count, length = len(lengths), int(lengths[0])
-        if length and (lengths == length).all():
-            apart = np.diff(self.begins)
-            if count > 1 and (apart == apart[0]).all():
-                return [np.ndarray((count, length), np.uint8, self.data, self.begins[0], (apart[0], 1))]
+        apart = _apart(self.begins, self.ends) if self.apart is None else self.apart
+        length = int(self.ends[0] - self.begins[0])
+        if apart:
+            return [np.ndarray((len(self.ends), length), np.uint8, self.data, self.begins[0], (apart, 1))]
+        if length and (self.ends - self.begins == length).all():
             return [_at(self.data, self.begins, length)]
         return [self.data[None, begin:end] for begin, end in zip(self.begins, self.ends, strict=True)]
+
+
+def _apart(begins: Places, ends: Places) -> int:
+    """Return how far apart messages begin that are all of one length; 0 for others."""
+    lengths, apart = ends - begins, begins[1:] - begins[:-1]
+    alike = len(apart) and lengths[0] and (lengths == lengths[0]).all() and (apart == apart[0]).all()
+    return int(apart[0]) if alike else 0
 
 
 def in_blocks(messages: Iterable[Message]) -> Iterator[MessageBlock]:
@@ -464,10 +472,10 @@ class McapFile:
             if self.channels.keys() >= channels.keys():
                 raw, log_times = np.frombuffer(data, np.uint8), heads["log_time"].astype(np.int64)
                 times = np.empty(0, np.int64)
-                for number, (rows, begins, ends) in channels.items():
+                for number, (rows, begins, ends, apart) in channels.items():
                     own_times = log_times[rows]
                     times = times if np.array_equal(times, own_times) else own_times
-                    yield MessageBlock(self.channels[number], times, raw, begins, ends)
+                    yield MessageBlock(self.channels[number], times, raw, begins, ends, apart)
                 return
         # An error is raised at the message that causes it.
         yield from in_blocks(self._one_by_one(data, layout, heads))
@@ -743,7 +751,7 @@ class _Layout:
     begins: Places
     ends: Places
     _channels: NDArray[np.uint16] = field(default_factory=lambda: np.empty(0, np.uint16))
-    _of_channels: dict[int, tuple[Places, Places, Places]] = field(default_factory=dict)
+    _of_channels: dict[int, tuple[Places, Places, Places, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.lengths = self.ends - self.begins
@@ -755,8 +763,8 @@ class _Layout:
             return np.empty(0, _HEADS)
         return _at(np.frombuffer(data, np.uint8), self.begins - _RECORD.size, _HEADS.itemsize).view(_HEADS)[:, 0]
 
-    def of_channels(self, channels: NDArray[np.uint16]) -> dict[int, tuple[Places, Places, Places]]:
-        """Return the messages of each channel: their rows, and where the bytes of each begin and end.
+    def of_channels(self, channels: NDArray[np.uint16]) -> dict[int, tuple[Places, Places, Places, int]]:
+        """Return the messages of each channel: their rows, and begins, ends and distance as in `MessageBlock`.
 
         Args:
             channels: that of each message.
@@ -765,9 +773,8 @@ class _Layout:
             self._channels = channels.copy()
             numbers = dict.fromkeys(channels.tolist())
             rows = {number: np.flatnonzero(channels == number) for number in numbers}
-            self._of_channels = {
-                number: (at, self.begins[at] + _MESSAGE_HEAD.size, self.ends[at]) for number, at in rows.items()
-            }
+            places = {number: (self.begins[at] + _MESSAGE_HEAD.size, self.ends[at]) for number, at in rows.items()}
+            self._of_channels = {number: (rows[number], *each, _apart(*each)) for number, each in places.items()}
         return self._of_channels
 
 

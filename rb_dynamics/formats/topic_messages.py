@@ -249,7 +249,8 @@ class Topic:
                 return None
             if not self._form.fits(raw):
                 return None
-        return self._form.stamps(raw), self._form.numbers(raw), [(0, self._form.texts)]
+        stamps = self._form.stamps(raw) if self.stamped else np.empty(0, np.int64)
+        return stamps, self._form.numbers(raw), [(0, self._form.texts)]
 
     def _one_by_one(self, waiting: list[Bytes]) -> tuple[Times, Values, list[tuple[int, tuple[str, ...]]]]:
         content = [message.tobytes() for messages in waiting for message in messages]
