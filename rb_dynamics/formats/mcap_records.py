@@ -94,9 +94,9 @@ _HEADS = np.dtype(
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
 # Chunks are processed together up to this size; as much of the next ones is read and unpacked meanwhile.
 _TOGETHER_BYTES = 2**20
-# So many layouts of them are kept.
+# So many layouts of them are kept; those of large chunks would take much memory.
 _LAYOUTS = 4
-# Records of most chunks are short, and read together.
+# The records of the index behind each chunk are short, and read together.
 _BUFFER_BYTES = 2**18
 
 Places: TypeAlias = NDArray[np.int64]
@@ -250,6 +250,8 @@ class McapFile:
     _layouts: dict[tuple[int, ...], _Layout] = field(default_factory=dict)
     _held: list[bytes] = field(default_factory=list)
     _held_bytes: int = 0
+    # Records of messages outside of chunks, after what is held.
+    _loose: bytearray = field(default_factory=bytearray)
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; ends quietly where the file was cut off.
@@ -257,7 +259,7 @@ class McapFile:
         Raises:
             LogError: the file cannot be read, is no MCAP file or is damaged.
         """
-        yield from self._read(self._one_by_one, 1)
+        yield from self._read(self._one_by_one)
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield every message, in blocks of one channel; several times as fast as `messages`.
@@ -265,20 +267,20 @@ class McapFile:
         Raises:
             LogError: as `messages`.
         """
-        yield from self._read(self._by_channel, _BLOCK_MESSAGES)
+        yield from self._read(self._by_channel)
 
-    def _read(self, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
-        """Yield what `take` makes of the messages; of those outside of chunks it gets as many `at_once`."""
+    def _read(self, take: _Take[_Read]) -> Iterator[_Read]:
+        """Yield what `take` makes of the messages."""
         require_file(self.path)
         try:
             with self.path.open("rb", _BUFFER_BYTES) as file:
-                yield from self._messages(file, take, at_once)
+                yield from self._messages(file, take)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror or error}; check the path") from error
         except UnicodeDecodeError as error:
             raise self._damage("has text that is not UTF-8") from error
 
-    def _messages(self, file: BinaryIO, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
+    def _messages(self, file: BinaryIO, take: _Take[_Read]) -> Iterator[_Read]:
         begin = file.read(len(MAGIC))
         if self.part and begin != MAGIC and MAGIC.startswith(begin):
             return
@@ -291,26 +293,24 @@ class McapFile:
         self._counts.clear()
         self._note_summary(file, size)
         self._held, self._held_bytes = [], 0
+        self._loose.clear()
         self._layouts.clear()
         try:
-            yield from self._taken(file, size, take, at_once)
+            yield from self._taken(file, size, take)
         except (LogError, UnicodeDecodeError):
             # Messages before a damaged place are not damaged.
             yield from self._held_messages(take)
             raise
 
-    def _taken(self, file: BinaryIO, size: int, take: _Take[_Read], at_once: int) -> Iterator[_Read]:
-        loose = 0
+    def _taken(self, file: BinaryIO, size: int, take: _Take[_Read]) -> Iterator[_Read]:
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
                 if opcode == Opcode.MESSAGE:
-                    self._hold(_RECORD.pack(opcode, len(content)) + content)
-                    loose += 1
-                    if loose < at_once and self._held_bytes < _TOGETHER_BYTES:
+                    self._loose += _RECORD.pack(opcode, len(content)) + content
+                    if len(self._loose) < _TOGETHER_BYTES:
                         continue
-                if loose:
+                if self._loose:
                     yield from self._held_messages(take)
-                    loose = 0
                 if opcode == _CUT_CHUNK:
                     yield from self._cut_chunk(content, take)
                 elif opcode == Opcode.CHUNK:
@@ -394,6 +394,9 @@ class McapFile:
 
     def _held_messages(self, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield what `take` makes of what is held: many small chunks one by one would take long."""
+        if self._loose:
+            self._hold(bytes(self._loose))
+            self._loose.clear()
         if not self._held:
             return
         parts, self._held, self._held_bytes = self._held, [], 0
@@ -445,7 +448,7 @@ class McapFile:
             if more:
                 self._before = begins - start, ends - start
         layout = _layout(places)
-        if alone and layout.timed:
+        if alone and layout.timed and len(data) <= 2 * _TOGETHER_BYTES:
             if len(self._layouts) == _LAYOUTS:
                 self._layouts.clear()
             self._layouts[sizes] = layout

@@ -43,6 +43,23 @@ def blocks_of(file: McapFile, found: list[Read]) -> None:
         found += map(read, block.messages())
 
 
+def test_messages_outside_of_chunks_come_in_the_order_of_the_file(tmp_path: Path) -> None:
+    rows = rows_of(10_000)
+    path = write_rows(tmp_path / "bag.mcap", rows, use_chunking=False)
+    expected = [(topic, at, data) for topic, _, at, data in rows]
+    assert [*map(read, McapFile(path).messages())] == expected
+    # All before the first record that cannot be read.
+    content = path.read_bytes()
+    message = content.index(rows[20_000][3], len(content) // 2)
+    path.write_bytes(content[: message - 22] + bytes(8) + content[message - 14 :])
+    for single in (True, False):
+        found: list[Read] = []
+        file = McapFile(path)
+        with pytest.raises(LogError, match="channel 0, which it does not declare"):
+            found.extend(map(read, file.messages())) if single else blocks_of(file, found)
+        assert by_topic(found) == by_topic(expected[:20_000])
+
+
 @pytest.mark.parametrize("compression", [*CompressionType])
 @pytest.mark.parametrize("chunk_size", [1000, 40_000, 3_000_000])
 def test_messages_come_in_the_order_of_the_file(tmp_path: Path, compression: CompressionType, chunk_size: int) -> None:
