@@ -191,9 +191,14 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     """Warn on stderr of commands after the end of the run."""
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
+        clocks = (
+            "; their times are of another clock than those of the others, as of Wrench, which has no stamp, beside "
+            "WrenchStamped in simulation time; record both with stamps of one clock"
+        )
         print(
             f"warning: {commands.late} of {len(commands)} commands lie after the end of the run at "
-            f"{scene.duration:g} s and have no effect (the first of all is at simulation time {first:.9g} s)",
+            f"{scene.duration:g} s and have no effect (the first of all is at simulation time {first:.9g} s)"
+            f"{clocks if commands.two_clocks else ''}",
             file=sys.stderr,
         )
 

@@ -226,6 +226,7 @@ class RecordedWrenches:
     Attributes:
         first_ns: the earliest time; None if there is no command.
         late: how many lie after `end_ns`.
+        two_clocks: whether a bag with commands within the run has others of another clock.
         notes: what a person should know of how the bags were read, one line each.
         facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
             another: for the metadata of a log. Where a bag is a log, those that its commands came from follow.
@@ -291,6 +292,8 @@ class RecordedWrenches:
         self.late = sum(bag.count - bag.within - bag.early for bag in self._bags)
         came = [(bag.path.name, bag.offset_ns) for bag in self._bags]
         came += [(name, start_ns + bag.offset_ns) for bag in self._bags for name, start_ns in bag.origin]
+        ends = [bag.span.last_ns - bag.offset_ns for bag in self._bags if bag.within and bag.span.last_ns is not None]
+        self.two_clocks = max(ends, default=0) - end_ns > _ONE_CLOCK_NS
         self.facts = {
             "wrench_bags": ", ".join(name for name, _ in came),
             "wrench_start_ns": ", ".join(str(start_ns) for _, start_ns in came),

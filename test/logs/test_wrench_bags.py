@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from rb_dynamics import inspect, parse_scene, simulate
 from rb_dynamics.cli import main
+from rb_dynamics.cli.output import warn_outside
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.message_types import POSE, SCALAR
@@ -193,6 +194,21 @@ def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
     rows += [("/other", STAMPED, k, stamped(k * SECOND // 2, 1.0)) for k in range(7)]
     bag = write_rows(tmp_path / "b.mcap", rows)
     assert not RecordedWrenches([bag], ["wrench", "other"], 10 * SECOND, start="stamp").notes
+
+
+def test_commands_of_two_clocks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those without stamps go by the clock of the recorder, and half were said to come after the end, not why."""
+    rows: list[Row] = [("/a", STAMPED, WALL_NS + k * SECOND, stamped(k * SECOND, 1.0)) for k in (1, 2, 3)]
+    plain = cdr.encode(WRENCH, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    bare: list[Row] = [("/b", WRENCH, WALL_NS + k * SECOND, plain) for k in range(3)]
+    scene = parse_scene("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 10\n")
+    found = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows + bare)], ["a", "b"], 10 * SECOND, start="auto")
+    assert (found.late, found.two_clocks) == (3, True)
+    warn_outside(found, scene)
+    assert "their times are of another clock than those of the others" in capsys.readouterr().err
+    longer = [*rows, ("/a", STAMPED, WALL_NS + 60 * SECOND, stamped(60 * SECOND, 1.0))]
+    found = RecordedWrenches([write_rows(tmp_path / "b.mcap", longer)], ["a"], 10 * SECOND, start="auto")
+    assert (found.late, found.two_clocks) == (1, False)
 
 
 def test_commands_that_nothing_takes_are_named(tmp_path: Path) -> None:

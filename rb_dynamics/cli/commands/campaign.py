@@ -80,7 +80,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
 
     from rb_dynamics.cli.output import counting, show, written_page
     from rb_dynamics.formats.output_file import OutputFile
-    from rb_dynamics.study.campaign.engine import goes_side_by_side, run_campaign
+    from rb_dynamics.study.campaign.engine import goes_alone, run_campaign
     from rb_dynamics.study.campaign.loop_stability import remarks
     from rb_dynamics.study.campaign.store import read_rows
     from rb_dynamics.study.campaign.summary import as_text, summarise
@@ -90,7 +90,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
         print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
     for remark in remarks(campaign):
         print(f"note: {remark}", file=sys.stderr)
-    if not goes_side_by_side(campaign):
+    if goes_alone(campaign):
         print(
             "note: these runs go one by one, some hundred times slower than side by side, which needs a scene without "
             "effects, actuators or sensors, a solver.step, and delays that are whole multiples of it, as with step: in "

@@ -18,6 +18,7 @@ from typing import Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.block_of_runs import Columns, simulate_block
@@ -106,6 +107,12 @@ def goes_side_by_side(campaign: Campaign) -> bool:
         and go_side_by_side([base], campaign.control is not None)
         and _commands_on_grid(campaign, step_ns(base))
     )
+
+
+def goes_alone(campaign: Campaign) -> bool:
+    """Return whether each run of `campaign` goes by itself; those with wheels go side by side by a kernel of theirs."""
+    with_wheels = available() and alike(Scenes(campaign).base, campaign.control) is not None
+    return not (goes_side_by_side(campaign) or with_wheels)
 
 
 def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:

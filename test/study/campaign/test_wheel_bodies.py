@@ -13,7 +13,7 @@ from campaigns import write
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.study.campaign import block_of_runs
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
-from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE, _block
+from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE, _block, goes_alone
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 
@@ -176,6 +176,8 @@ def test_blocks_are_large_where_runs_go_side_by_side(tmp_path: Path, monkeypatch
     """And small where kernels may be missing: each run then takes as long as alone."""
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("runs: 6", "runs: 100000"), SATELLITE))
     assert _block(campaign, 2) == SIDE_BY_SIDE
+    # The note that runs go one by one stood before a user's law, too, whose runs went side by side.
+    assert not goes_alone(campaign)
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     assert _block(campaign, 2) < SIDE_BY_SIDE
     assert simulate_block(campaign, 0, 1)["error"] == [""]
