@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Numbers of one effect: its kind and its parameters. After the last effect comes the number of effects. All are at the
 # end of a kernel's array, whatever precedes them.
-_WIDTH = 16
+WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
 # A lag is not a load of its own, see `wrench_transition.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
@@ -72,14 +72,14 @@ def effect_numbers(
         numbers = _numbers(effect, body, start) if kind in _WITH_LOAD else None
         if numbers is None:
             return None
-        found += (*numbers, *(0.0,) * (_WIDTH - len(numbers)))
+        found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
         count += 1
     if dipole != ZERO:
         fields = [effect for effect in effects if isinstance(effect, MagneticField)]
         if len(fields) != 1 or fields[0].model == "igrf":
             return None
         numbers = (_DIPOLE, *dipole, *_flat(fields[0].source))
-        found += (*numbers, *(0.0,) * (_WIDTH - len(numbers)))
+        found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
         count += 1
     return (*found, float(count))
 
@@ -115,11 +115,11 @@ def evaluated_by_numbers(
     """Return force (N, world axes) and torque (N m, principal axes), added up as in plain Python."""
     c = load.numbers
     count = int(c[len(c) - 1])
-    i = len(c) - 1 - count * _WIDTH
+    i = len(c) - 1 - count * WIDTH
     here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
     force, torque = _load(c, i, here)
     for k in range(1, count):
-        more_force, more_torque = _load(c, i + k * _WIDTH, here)
+        more_force, more_torque = _load(c, i + k * WIDTH, here)
         force, torque = add(force, more_force), add(torque, more_torque)
     return force, torque
 
@@ -129,12 +129,18 @@ def has_effects(c: Numbers) -> bool:
     return bool(c[len(c) - 1] != 0.0)
 
 
+def is_attraction_or_none(c: Numbers) -> bool:
+    """Return whether the only effect at the end of `c`, if there is any, is central gravity."""
+    count = int(c[len(c) - 1])
+    return count == 0 or (count == 1 and c[len(c) - 1 - WIDTH] == _ATTRACTION)
+
+
 def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
     """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`."""
     count = int(c[len(c) - 1])
     slowing, sight = 0.0, math.inf
     for k in range(count):
-        i = len(c) - 1 - (count - k) * _WIDTH
+        i = len(c) - 1 - (count - k) * WIDTH
         if c[i] == _RESISTANCE:
             slowing += slowed(_resistance_at(c, i + 1), here)
         elif c[i] == _ATTRACTION:
@@ -147,7 +153,7 @@ def strength(c: Numbers, here: Point) -> float:
     count = int(c[len(c) - 1])
     total = 0.0
     for k in range(count):
-        force, _ = _load(c, len(c) - 1 - (count - k) * _WIDTH, here)
+        force, _ = _load(c, len(c) - 1 - (count - k) * WIDTH, here)
         total += norm(force)
     return total
 

@@ -242,6 +242,11 @@ def invert_inertia(c: Cells, i: int, moments: Vector) -> None:
     c[i + 7], c[i + 8], c[i + 9] = three, five, six
 
 
+def count_of(c: Cells, i: int) -> int:
+    """Return how many wheels there are. Kernels for a constant number have their own version."""
+    return int(c[i])
+
+
 def length_of(c: Cells, i: int) -> int:
     """Return how many numbers there are of the wheels whose numbers begin at i."""
     return BEFORE + EACH * int(c[i])
@@ -259,7 +264,7 @@ def inner_torque(
 
     The rates come behind the states in `c`.
     """
-    spin_up, carried, n = spin_up_of(c, i, s, moments, torque, omega), ZERO, int(c[i])
+    spin_up, carried, n = spin_up_of(c, i, s, moments, torque, omega), ZERO, count_of(c, i)
     for k in range(n):
         j, axis = c[_at(i, k) + INERTIA], _axis_of(c, i, k)
         carried = add_scaled(carried, j * speed_of(c, i, s, k, omega), axis)
@@ -287,7 +292,7 @@ def inner_torque(
 def spin_up_of(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega: Vector) -> Vector:
     """Return w' (principal axes) under `torque` from outside; see `inner_torque`."""
     momentum, push = times(moments, omega), torque
-    for k in range(int(c[i])):
+    for k in range(count_of(c, i)):
         a, axis, speed = _at(i, k), _axis_of(c, i, k), speed_of(c, i, s, k, omega)
         momentum = add_scaled(momentum, c[a + INERTIA] * speed, axis)
         if c[a + HELD] == FREE:
@@ -300,7 +305,7 @@ def spin_up_of(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega:
 def momentum_in(c: Cells, i: int, s: int) -> Vector:
     """Return the sum of the momenta at s along their axes; see `inner_torque`."""
     total = ZERO
-    for k in range(int(c[i])):
+    for k in range(count_of(c, i)):
         total = add_scaled(total, c[s + k], _axis_of(c, i, k))
     return total
 

@@ -82,18 +82,20 @@ class Arc:
         load_from: LoadFrom | None = None,
         choose_again: Choose | None = None,
         scales: LoadScales = _NO_SCALES,
+        first: float = math.inf,
     ) -> None:
         """Start in `phase` at `start_ns`.
 
         `load_from` gives the load in addition to `held`, if there is one, and `scales` what is known about it in
         advance; `choose_again` selects another method, after `_CHOOSE_AGAIN` strides and whenever their number has
-        doubled, so that a transient does not decide for the whole arc.
+        doubled, so that a transient does not decide for the whole arc. The first stride by accuracy is at most about
+        `first` s.
         """
         self.methods = [method.name]
         self._what_acts = inertia, held, load_from, scales
         self._use(method, control)
         if isinstance(control, AccuracyControl):
-            control.start()
+            control.start(first)
         self._choose_again = choose_again
         self._start_ns = self.expected_ns = start_ns
         self._phase = phase

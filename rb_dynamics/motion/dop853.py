@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.explicit_runge_kutta import (
+    Carried,
     Slopes,
     StepConstants,
+    Turn,
+    booked,
     end,
     first,
     increment,
@@ -19,7 +24,7 @@ from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
 # Rows without their zeros; where they are used, the code says to which slopes the weights belong.
-_NODES = (
+NODES = (
     0.0,
     0.05260015195876773,
     0.0789002279381516,
@@ -88,7 +93,7 @@ _WEIGHTS = (
     0.20136540080403034,
     0.04471061572777259,
 )
-_WEIGHTED_NODES = (_NODES[0], *_NODES[5:])
+_WEIGHTED_NODES = (NODES[0], *NODES[5:])
 # Weights of the two error estimates, of orders 5 and 3.
 _FIFTH = (
     0.01312004499419488,
@@ -151,17 +156,35 @@ def pair(
     """
     f = step_constants(inertia, held, h, velocity, orientation, angular_velocity)
     slopes = _weighted(f, load)
-    turn, fifth, third = total(h, _WEIGHTS, slopes), total(h, _FIFTH, slopes), total(h, _THIRD, slopes)
-    carried = moved(f, _WEIGHTED_NODES, _WEIGHTS, slopes, load)
-    by_fifth = moved(f, _WEIGHTED_NODES, _FIFTH, slopes, load)
-    by_third = moved(f, _WEIGHTED_NODES, _THIRD, slopes, load)
+    turns = total(h, _WEIGHTS, slopes), total(h, _FIFTH, slopes), total(h, _THIRD, slopes)
+    carried = (
+        moved(f, _WEIGHTED_NODES, _WEIGHTS, slopes, load),
+        moved(f, _WEIGHTED_NODES, _FIFTH, slopes, load),
+        moved(f, _WEIGHTED_NODES, _THIRD, slopes, load),
+    )
+    return compared(f, turns, carried, booked(h, _WEIGHTS, slopes), load)
+
+
+def compared(
+    f: StepConstants,
+    turns: tuple[Turn, Turn, Turn],
+    moves: tuple[Carried, Carried, Carried],
+    books: tuple[Vector, float],
+    load: Any,
+) -> tuple[Increment, Increment]:
+    """Return the results of `pair` from the sums of the slopes with the weights of order 8, 5 and 3.
+
+    Raises:
+        ConvergenceError: as for `step`.
+    """
+    (turn, fifth, third), (carried, by_fifth, by_third) = turns, moves
     s = _share(_size(fifth[0]), _size(third[0]))
     (x, y, z, w), (a, b, c, d) = turn[0], fifth[0]
     other = ((x - s * a, y - s * b, z - s * c, w - s * d), _off(turn[1], fifth[1], third[1]))
     off = (_off(carried[0], by_fifth[0], by_third[0]), _off(carried[1], by_fifth[1], by_third[1]))
     return (
-        increment("dop853", f, turn, carried, _WEIGHTS, slopes, load),
-        increment("dop853", f, other, off, _WEIGHTS, slopes, load),
+        increment("dop853", f, turn, carried, books, load),
+        increment("dop853", f, other, off, books, load),
     )
 
 
@@ -181,17 +204,17 @@ def _share(fifth: float, third: float) -> float:
 def _weighted(f: StepConstants, load: Load | None) -> Slopes:
     """Return the slopes of the stages with non-zero weights: all but the second to the fifth."""
     k1 = first(f, load)
-    k2 = stage(f, _NODES[1], _ROW_2, (k1,), load)
-    k3 = stage(f, _NODES[2], _ROW_3, (k1, k2), load)
-    k4 = stage(f, _NODES[3], _ROW_4, (k1, k3), load)
-    k5 = stage(f, _NODES[4], _ROW_5, (k1, k3, k4), load)
-    k6 = stage(f, _NODES[5], _ROW_6, (k1, k4, k5), load)
-    k7 = stage(f, _NODES[6], _ROW_7, (k1, k4, k5, k6), load)
-    k8 = stage(f, _NODES[7], _ROW_8, (k1, k4, k5, k6, k7), load)
-    k9 = stage(f, _NODES[8], _ROW_9, (k1, k4, k5, k6, k7, k8), load)
-    k10 = stage(f, _NODES[9], _ROW_10, (k1, k4, k5, k6, k7, k8, k9), load)
-    k11 = stage(f, _NODES[10], _ROW_11, (k1, k4, k5, k6, k7, k8, k9, k10), load)
-    k12 = stage(f, _NODES[11], _ROW_12, (k1, k4, k5, k6, k7, k8, k9, k10, k11), load)
+    k2 = stage(f, NODES[1], _ROW_2, (k1,), load)
+    k3 = stage(f, NODES[2], _ROW_3, (k1, k2), load)
+    k4 = stage(f, NODES[3], _ROW_4, (k1, k3), load)
+    k5 = stage(f, NODES[4], _ROW_5, (k1, k3, k4), load)
+    k6 = stage(f, NODES[5], _ROW_6, (k1, k4, k5), load)
+    k7 = stage(f, NODES[6], _ROW_7, (k1, k4, k5, k6), load)
+    k8 = stage(f, NODES[7], _ROW_8, (k1, k4, k5, k6, k7), load)
+    k9 = stage(f, NODES[8], _ROW_9, (k1, k4, k5, k6, k7, k8), load)
+    k10 = stage(f, NODES[9], _ROW_10, (k1, k4, k5, k6, k7, k8, k9), load)
+    k11 = stage(f, NODES[10], _ROW_11, (k1, k4, k5, k6, k7, k8, k9, k10), load)
+    k12 = stage(f, NODES[11], _ROW_12, (k1, k4, k5, k6, k7, k8, k9, k10, k11), load)
     return (k1, k6, k7, k8, k9, k10, k11, k12)
 
 

@@ -7,7 +7,7 @@ a held wrench no stage needs force or position: they are sums over the weights.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
@@ -90,7 +90,7 @@ def step_constants(
 
 def first(f: StepConstants, load: Load | None) -> Slope:
     """Return the slope at the start of the step."""
-    return _slope(f, 0.0, _START, (ZERO, ZERO), load)
+    return slope(f, 0.0, _START, (ZERO, ZERO), load)
 
 
 def stage(f: StepConstants, node: float, row: Row, slopes: Slopes, load: Load | None) -> Slope:
@@ -98,7 +98,7 @@ def stage(f: StepConstants, node: float, row: Row, slopes: Slopes, load: Load | 
     carried = (ZERO, ZERO)
     if load is not None:
         carried = _carried(f.h, row, slopes)
-    return _slope(f, node, total(f.h, row, slopes), carried, load)
+    return slope(f, node, total(f.h, row, slopes), carried, load)
 
 
 def total(h: float, row: Row, slopes: Slopes) -> Turn:
@@ -138,13 +138,21 @@ def end(name: str, f: StepConstants, nodes: Row, weights: Row, slopes: Slopes, l
         ConvergenceError: the result is not a rotation, or not finite.
     """
     turn, carried = total(f.h, weights, slopes), moved(f, nodes, weights, slopes, load)
-    return increment(name, f, turn, carried, weights, slopes, load)
+    return increment(name, f, turn, carried, booked(f.h, weights, slopes), load)
+
+
+def booked(h: float, weights: Row, slopes: Slopes) -> tuple[Vector, float]:
+    """Return h times the sums of twist and power with `weights`."""
+    twisted, work = ZERO, 0.0
+    for k, weight in enumerate(weights):
+        twisted, work = add_scaled(twisted, weight * h, slopes[k].twist), work + weight * h * slopes[k].power
+    return twisted, work
 
 
 def increment(
-    name: str, f: StepConstants, turn: Turn, carried: Carried, weights: Row, slopes: Slopes, load: Load | None
+    name: str, f: StepConstants, turn: Turn, carried: Carried, books: tuple[Vector, float], load: Any
 ) -> Increment:
-    """Return the increment for `turn` and `carried`, with the work and impulses by `weights`.
+    """Return the increment for `turn` and `carried`, with the impulse of the torque and the work in `books`.
 
     Raises:
         ConvergenceError: as for `end`.
@@ -156,9 +164,7 @@ def increment(
     square = x * x + y * y + z * z + w * w
     if not 0.5 < square < 2.0:
         return no_rotation(name, h, square, norm(f.angular_velocity))
-    twisted, work = ZERO, 0.0
-    for k, weight in enumerate(weights):
-        twisted, work = add_scaled(twisted, weight * h, slopes[k].twist), work + weight * h * slopes[k].power
+    twisted, work = books
     impulse = add_scaled(rotate(orientation, pushed), h, f.held.force_world)
     path = add_scaled(rotate(orientation, shifted), h, f.velocity)
     if load is None:
@@ -183,7 +189,8 @@ def _carried(h: float, row: Row, slopes: Slopes) -> Carried:
     return scale(h, pushed), scale(h, shifted)
 
 
-def _slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load: Load | None) -> Slope:
+def slope(f: StepConstants, node: float, reached: Turn, carried: Carried, load: Any) -> Slope:
+    """Return the slope at `node` of the step, where the body has `reached` a turn and `carried` its motion."""
     (x, y, z, w), spin_up = reached
     q, omega, gain = (x, y, z, 1.0 + w), add(f.angular_velocity, spin_up), ZERO
     # One division is cheaper than a norm.

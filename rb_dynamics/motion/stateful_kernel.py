@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 # each stage. The numbers of the effects come last.
 OTHER = CONSTANTS + PHASE
 STAGE = OTHER + PHASE
-_ROWS = STAGE + 1
-_MOST_STAGES = 12
-WHEELS = _ROWS + _MOST_STAGES * (_MOST_STAGES + 3)
-_OF_EACH_STATE = 4 + _MOST_STAGES
-_RESULT, _FIFTH, _THIRD = _MOST_STAGES, _MOST_STAGES + 1, _MOST_STAGES + 2
+ROWS = STAGE + 1
+MOST_STAGES = 12
+WHEELS = ROWS + MOST_STAGES * (MOST_STAGES + 3)
+_OF_EACH_STATE = 4 + MOST_STAGES
+_RESULT, _FIFTH, _THIRD = MOST_STAGES, MOST_STAGES + 1, MOST_STAGES + 2
 _SIGNATURE = "void(float64[::1], float64)"
 _PHASE = Struct(f"{PHASE}d")
 
@@ -109,7 +109,7 @@ def layout(c: Numbers) -> tuple[int, int, int]:
 def _gain(c: Numbers, h: float, row: int, stages: int) -> None:
     """Write h times the sums of the rates at the first stages, with the weights of a row, to where the states stand."""
     m, _, states = layout(c)
-    weights, rates = _ROWS + row * _MOST_STAGES, states + 2 * m
+    weights, rates = ROWS + row * MOST_STAGES, states + 2 * m
     for k in range(m):
         c[states + k] = 0.0
     for stage in range(stages):
@@ -128,7 +128,7 @@ def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: Phas
 
 def _grow_states(c: Numbers, h: float) -> None:
     m, sums, states = layout(c)
-    _gain(c, h, _RESULT, _MOST_STAGES)
+    _gain(c, h, _RESULT, MOST_STAGES)
     for k in range(m):
         c[sums + k], c[sums + m + k] = two_sum(c[sums + k], c[states + k], c[sums + m + k])
 
@@ -161,10 +161,10 @@ def _pair_on_numbers(c: Numbers, h: float) -> None:
     high, low = grown(start.high, start.low, step, h)
     write_phase(c, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
     m, _, states = layout(c)
-    _gain(c, h, _FIFTH, _MOST_STAGES)
+    _gain(c, h, _FIFTH, MOST_STAGES)
     for k in range(m):
         c[states + m + k] = c[states + k]
-    _gain(c, h, _THIRD, _MOST_STAGES)
+    _gain(c, h, _THIRD, MOST_STAGES)
     for k in range(m):
         c[states + k] = difference(c[states + m + k], c[states + k])
     omega = add_scaled(other.angular_velocity, 1.0, divide(momentum_in(c, WHEELS, states), inertia.moments))
@@ -185,7 +185,7 @@ class StatefulKernels(NamedTuple):
 def stateful_kernels(method: Method) -> StatefulKernels | None:
     """Return the kernels of `method` with wheels; None if it has none."""
     tableau = method.tableau
-    if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > _MOST_STAGES:
+    if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > MOST_STAGES:
         return None
 
     name = f"with_wheels_{method.name}"
@@ -199,11 +199,11 @@ def stateful_kernels(method: Method) -> StatefulKernels | None:
 
 
 def _weights(tableau: SparseTableau) -> bytes:
-    rows = (*tableau.rows, *((),) * (_MOST_STAGES - len(tableau.rows)), tableau.weights, *tableau.errors)
-    found = [0.0] * (_MOST_STAGES * len(rows))
+    rows = (*tableau.rows, *((),) * (MOST_STAGES - len(tableau.rows)), tableau.weights, *tableau.errors)
+    found = [0.0] * (MOST_STAGES * len(rows))
     for k, row in enumerate(rows):
         for stage, weight in row:
-            found[k * _MOST_STAGES + stage] = weight
+            found[k * MOST_STAGES + stage] = weight
     return _packed(found)
 
 

@@ -348,9 +348,12 @@ class AccuracyControl:
         """Return the learnt state, with a guess for the next stride from `phase` on."""
         return self.learnt._replace(step=self.learnt.step or advance.steady(phase, first_guess(self.goal, phase)))
 
-    def start(self) -> None:
-        """Forget what applies only to the last arc: another wrench has other errors."""
-        self.learnt = self.learnt._replace(until=0.0)
+    def start(self, longest: float = math.inf) -> None:
+        """Forget what applies only to the last arc: another wrench has other errors.
+
+        The first stride will be at most `longest` s, if one of a known length could be taken at all.
+        """
+        self.learnt = self.learnt._replace(until=0.0, step=min(self.learnt.step, longest))
 
     def begin(self) -> None:
         """Use the last stride as the guess for the next one."""

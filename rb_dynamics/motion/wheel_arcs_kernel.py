@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.loads.compiled_load import EffectLoad, has_effects, load_scales, strength
+from rb_dynamics.loads.compiled_load import EffectLoad, has_effects, is_attraction_or_none, load_scales, strength
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wheel_numbers import (
@@ -34,6 +34,7 @@ from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elaps
 from rb_dynamics.motion.stateful_kernel import OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
 from rb_dynamics.motion.steady_load import steady_time
 from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, first_guess, rounding
+from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
@@ -51,21 +52,27 @@ if TYPE_CHECKING:
     Whole = npt.NDArray[np.int64]
     Take = Callable[[Numbers, float], None]
 
-# Numbers of the arc of a body: goal, what is learnt and what will be after the next stride; then three phases with
+# Numbers of the arc of a body: goal, what is learnt and what will be after the next stride; length (s) of a stride from
+# the grid point whose results are there already, as after the next stride (0 for none); then three phases with
 # their states: at the grid point, after the next stride, and at the last time.
 GOAL = 0
 LEARNT = GOAL + len(Goal._fields)
 FOLLOWING = LEARNT + len(Learnt._fields)
-GRID_POINT = FOLLOWING + len(Learnt._fields)
+TRIED = FOLLOWING + len(Learnt._fields)
+GRID_POINT = TRIED + 1
 
 # And its whole numbers: start of the arc (ns), length of the way to the grid point, strides that led there, length of
 # the next one (0 if it has not been chosen) and whether the phase after it is known; length of all strides (0 if each
 # is chosen), strides after which one is chosen anew (0 for never); arcs behind, the start of the last one that counts;
 # end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times between which
-# it is, as far as it has been looked for (-1 for none); the last time; whether the first arc has begun, and whether the
-# body is left behind.
+# it is, as far as it has been looked for (-1 for none), and whether a wheel may switch in it at all; the last time;
+# whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and of the next one if
+# the last two were equally long (0 if not).
 START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH, CHOOSE_AFTER, ARCS, COUNTED = range(9)
-SEARCHED, SWITCH, LOW, HIGH, TIME, BEGUN, LEFT_BEHIND, WHOLE = range(9, 17)
+SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, WHOLE = range(9, 20)
+
+# Bodies for which going side by side pays.
+_FEWEST = 2
 
 
 def size_of(states: int) -> int:
@@ -83,6 +90,9 @@ def advance_all(
     last: int,
     step: Take,
     pair: Take,
+    pairs: Any,
+    together: int,
+    which: Whole,
 ) -> None:
     """Give the bodies from `first` up to `last` their commands, now, and let them go to a time.
 
@@ -96,29 +106,58 @@ def advance_all(
         last: behind the last body.
         step: kernel of a step with wheels.
         pair: kernel of an embedded pair with wheels; any other where steps are fixed.
+        pairs: kernel of that pair for several bodies; any other if there is none.
+        together: whether there is one (0 or 1).
+        which: (N,), room.
     """
-    for i in range(first, last):
-        if whole[i, LEFT_BEHIND] == 0 and not _advance(rows[i], arcs[i], whole[i], commands[i], until_ns, step, pair):
-            whole[i, LEFT_BEHIND] = 1
+    for start in range(first, last, LANES):
+        end, count = min(last, start + LANES), 0
+        for i in range(start, end):
+            if whole[i, LEFT_BEHIND] == 0 and not _begin(rows[i], arcs[i], whole[i], commands[i], pair):
+                whole[i, LEFT_BEHIND] = 1
+            same = count == 0 or whole[i, EXPECTED] == whole[which[start], EXPECTED]
+            if together != 0 and same and _tries_expected(rows[i], arcs[i], whole[i]):
+                which[start + count] = i
+                count += 1
+        if count >= _FEWEST:
+            h, after = whole[which[start], EXPECTED] / NANOSECONDS, GRID_POINT + _size(rows[start])
+            pairs(rows, arcs, which[start:end], count, GRID_POINT, after, h)
+            for k in range(count):
+                arcs[which[start + k], TRIED] = h
+        for i in range(start, end):
+            if whole[i, LEFT_BEHIND] == 0 and not _advance(rows[i], arcs[i], whole[i], until_ns, step, pair):
+                whole[i, LEFT_BEHIND] = 1
 
 
-def _advance(c: Numbers, f: Numbers, w: Whole, commands: Numbers, until_ns: int, step: Take, pair: Take) -> bool:
+def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, pair: Take) -> bool:
+    """Give a body its commands, which begin an arc; return whether a stride can be chosen."""
     begins = w[BEGUN] == 0
     w[BEGUN] = 1
-    _stand(c, f, _here(c))
+    if begins:
+        _stand(c, f, _here(c))
     omega, (_, _, states) = phase_at(c, CONSTANTS).angular_velocity, layout(c)
     for k in range(len(commands)):
         if not math.isnan(commands[k]):
             command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
             begins = True
+    return not begins or _begin_arc(c, f, w, pair)
+
+
+def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
+    """Return whether the stride tried next is the first of an arc, and as long as the arc is expected to be."""
+    if w[EXPECTED] == 0 or w[LENGTH] != 0 or w[REACHED] != 0 or w[STRIDE] != 0 or w[LEFT_BEHIND] != 0:
+        return False
+    return f[LEARNT] == w[EXPECTED] / NANOSECONDS and is_attraction_or_none(c)
+
+
+def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
+    """Let a body go to a time, where it then stands; return whether it can."""
     good = True
-    if begins:
-        good = _begin_arc(c, f, w, pair)
     while good:
         good = _search(c, f, w, until_ns, step, pair)
         switch = 0 <= w[SWITCH] <= until_ns
         time_ns = w[SWITCH] if switch else until_ns
-        good = good and _reach(c, f, w, time_ns, step) and _all_finite(c)
+        good = good and _reach(c, f, w, time_ns, step, pair) and _all_finite(c)
         if time_ns > w[TIME]:
             move_on(c, WHEELS)
         w[TIME] = time_ns
@@ -132,11 +171,14 @@ def _advance(c: Numbers, f: Numbers, w: Whole, commands: Numbers, until_ns: int,
 
 @compiled_apart
 def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
-    """Begin an arc in the phase at the last time; return whether a stride can be chosen."""
+    """Begin an arc at the last time, where the body stands; return whether a stride can be chosen."""
     _copy(f, _here(c), GRID_POINT, _size(c))
+    if w[TIME] > w[START]:
+        length = w[TIME] - w[START]
+        w[EXPECTED] = length if length == w[LAST] else 0
+        w[LAST] = length
     w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
     w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
-    _stand(c, f, GRID_POINT)
     phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
     outside = _outside(c, phase) if may_stay(c, WHEELS) else ZERO
     settle(c, WHEELS, states, (c[1], c[2], c[3]), outside, phase.angular_velocity)
@@ -147,6 +189,8 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
         return False
     # As `AccuracyControl.start` does.
     f[LEARNT + 4] = 0.0
+    if w[EXPECTED] > 0:
+        f[LEARNT] = min(f[LEARNT], w[EXPECTED] / NANOSECONDS)
     return True
 
 
@@ -188,6 +232,7 @@ def _choose(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
         guess = _steady(load, inertia, held, phase, first_guess(goal, phase))
     learnt = Learnt(min(guess, max(sight, 1.0 / NANOSECONDS)), f[k + 1], f[k + 2], f[k + 3], f[k + 4])
     length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, pair))
+    f[TRIED] = 0.0
     if length == 0 or rounding(goal, phase, max(float(length), following.step * NANOSECONDS)) > goal.accuracy:
         return False
     _keep(c, f, GRID_POINT + _size(c))
@@ -208,36 +253,38 @@ def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: T
         if end_ns != w[SEARCHED]:
             first = w[START] if w[SEARCHED] < 0 else w[SEARCHED] - 1
             w[SEARCHED], w[SWITCH], w[LOW] = end_ns, -1, -1
-            if not _bracket(c, f, w, first, end_ns - 1, step):
+            if not _bracket(c, f, w, first, end_ns - 1, step, pair):
                 return False
         if w[LOW] >= 0:
-            return _bisect(c, f, w, until_ns, step)
-        if end_ns > until_ns:
+            return _bisect(c, f, w, until_ns, step, pair)
+        if end_ns > until_ns or (end_ns == until_ns and w[UNLIKE] == 0):
             return True
         if not _take(c, f, w, step, pair):
             return False
 
 
-def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, step: Take) -> bool:
+def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, step: Take, pair: Take) -> bool:
     """Note whether a wheel switches between two times within the next stride; return whether they can be reached."""
+    w[UNLIKE] = 1
     if w[KNOWN] != 0:
         _stand(c, f, GRID_POINT + _size(c))
         if not _switching(c):
+            w[UNLIKE] = 0
             return True
     if last <= first:
         return True
-    if not _reach(c, f, w, last, step):
+    if not _reach(c, f, w, last, step, pair):
         return False
     if _switching(c):
         w[LOW], w[HIGH] = first, last
     return True
 
 
-def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take) -> bool:
+def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
     """Find the switch, or that it comes after a time; return whether the times of the search can be reached."""
     while w[HIGH] - w[LOW] > 1 and w[LOW] < until_ns:
         middle = (w[LOW] + w[HIGH]) // 2
-        if not _reach(c, f, w, middle, step):
+        if not _reach(c, f, w, middle, step, pair):
             return False
         w[HIGH if _switching(c) else LOW] = middle
     if w[HIGH] - w[LOW] <= 1:
@@ -266,15 +313,21 @@ def _take(c: Numbers, f: Numbers, w: Whole, step: Take, pair: Take) -> bool:
 
 
 @compiled_apart
-def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, step: Take) -> bool:
+def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, step: Take, pair: Take) -> bool:
     """Stand at a time within the next stride, and keep that phase as the last; return whether it can be reached."""
     rest = time_ns - w[START] - w[REACHED]
+    if rest > 0 and rest == w[STRIDE]:
+        if not _take(c, f, w, step, pair):
+            return False
+        rest = 0
     _stand(c, f, GRID_POINT)
     if rest > 0:
         _copy(f, FOLLOWING, LEARNT, 5)
         step(c, rest / NANOSECONDS)
     _keep(c, f, _here(c))
-    _stand(c, f, _here(c))
+    if rest > 0:
+        # A step leaves the states of a stage.
+        _stand(c, f, _here(c))
     return is_finite(phase_at(c, CONSTANTS))
 
 
@@ -368,8 +421,12 @@ def _keep(c: Numbers, f: Numbers, at: int) -> None:
 def _attempted(trials: Any, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:  # noqa: ARG001
     """Return the results of an embedded pair after a step of h s from the grid point."""
     c, f, pair = trials
-    _stand(c, f, GRID_POINT)
-    pair(c, h)
+    if h == f[TRIED]:
+        _stand(c, f, GRID_POINT + _size(c))
+    else:
+        _stand(c, f, GRID_POINT)
+        pair(c, h)
+    f[TRIED] = 0.0
     return phase_at(c, CONSTANTS), phase_at(c, OTHER)
 
 
@@ -402,5 +459,7 @@ _by_trial = specialise(
 )
 
 _TAKE = "FunctionType(void(float64[::1], float64))"
+_PAIRS = f"FunctionType({SIGNATURE})"
 _ARRAYS = "float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1]"
-ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, int64, int64, int64, {_TAKE}, {_TAKE})", steps=4.0)
+_OTHERS = f"int64, int64, int64, {_TAKE}, {_TAKE}, {_PAIRS}, int64, int64[::1]"
+ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, {_OTHERS})", steps=4.0)

@@ -20,7 +20,7 @@ from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
 from rb_dynamics.motion.propagation_kernel import CHANGE
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
-from rb_dynamics.numerics.nanoseconds import SHORTEST_STEP
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
@@ -83,6 +83,8 @@ class Plan:
         self._last = self._choice
         self._driven = False
         self._start_ns = begin_ns
+        # Lengths (ns) of the last arc, and of the next one if the last two were equally long; 0 if not known.
+        self._length_ns = self._expected_ns = 0
         if self._method is not None:
             self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
             self.description = f"{self.name}, {self._steps(self._method)}"
@@ -124,11 +126,16 @@ class Plan:
 
         # Several commands may come at the same time, each with an arc of zero duration.
         if start_ns > self._from_ns:
+            length_ns = start_ns - self._from_ns
+            self._expected_ns, self._length_ns = length_ns if length_ns == self._length_ns else 0, length_ns
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, gradually is not None, stepper)
         again = None if self._method is not None or method is EXACT else self._cheapest
-        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales)
+        # Under commands at regular times, the stride tried first leads to the next of them: no other step is needed.
+        regular = self._expected_ns > 0 and self.takes == LoadDependence.STATES
+        first = self._expected_ns / NANOSECONDS if regular else math.inf
+        return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales, first)
 
     def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         """Propagate from edge to edge by the kernel; None if it does not support that, or is missing.

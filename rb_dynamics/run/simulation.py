@@ -166,6 +166,8 @@ class Simulation:
             phase = phase.with_inner(self._wheels.begin(phase.angular_velocity))
         # The end of the stride that was searched for a switch of a wheel, and the time of the switch in it.
         self._searched_ns, self._switch_ns = -1, cast("int | None", None)
+        # Whether a wheel may switch before that end or at it.
+        self._unlike = True
         _require_finite(scene.body, phase, begin_ns)
         self._observer = SampleBuilder(self._effects, phase, self._wheels)
         self._phase = phase
@@ -691,27 +693,26 @@ class Simulation:
 
         The search covers whole strides, so that the result depends neither on outputs nor on the calls of `advance`.
         """
-        while True:
+        # At the end of a stride after which none may switch, the next is not chosen: a new arc may begin there.
+        while self._switch_ns is None and until_ns > self._searched_ns - self._unlike:
             end_ns = self._arc.next_grid_ns()
-            if end_ns != self._searched_ns:
-                first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
-                self._searched_ns, self._switch_ns = end_ns, None
-                # The phase at the end of a stride is known if the stride was taken to choose it.
-                state = self._arc.state
-                unlike = state.stride == 0 or self._switching(wheels, state.after)
-                if unlike and last > first and self._switching(wheels, self._arc.at(last)):
-                    while last - first > 1:
-                        middle = (first + last) // 2
-                        if self._switching(wheels, self._arc.at(middle)):
-                            last = middle
-                        else:
-                            first = middle
-                    self._switch_ns = last
-            if self._switch_ns is not None:
-                return self._switch_ns if self._switch_ns <= until_ns else None
-            if end_ns > until_ns:
-                return None
-            self._arc.advance(end_ns)
+            if end_ns == self._searched_ns:
+                self._arc.advance(end_ns)
+                continue
+            first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
+            self._searched_ns = end_ns
+            # The phase at the end of a stride is known if the stride was taken to choose it.
+            state = self._arc.state
+            self._unlike = state.stride == 0 or bool(self._switching(wheels, state.after))
+            if self._unlike and last > first and self._switching(wheels, self._arc.at(last)):
+                while last - first > 1:
+                    middle = (first + last) // 2
+                    if self._switching(wheels, self._arc.at(middle)):
+                        last = middle
+                    else:
+                        first = middle
+                self._switch_ns = last
+        return self._switch_ns if self._switch_ns is not None and self._switch_ns <= until_ns else None
 
     def _measure(self) -> None:
         """Let the sensors read the motion at `time_ns`, and pass to the sinks what has arrived by then."""

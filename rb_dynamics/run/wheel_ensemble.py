@@ -21,6 +21,8 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import each_part, parts_of
+from rb_dynamics.motion.dop853 import DOP853
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import PHASE, phase_of
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
@@ -35,6 +37,7 @@ from rb_dynamics.motion.wheel_arcs_kernel import (
     WHOLE,
     size_of,
 )
+from rb_dynamics.motion.wheel_lanes_kernel import LANES, pairs_of
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.ensemble import body_of_arrays, initial_phases
@@ -76,7 +79,7 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
 def kernels_at_hand(scene: Scene) -> bool:
     """Return whether nothing has to be compiled for an ensemble."""
     kernels = _kernels(scene)
-    needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair)
+    needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair, _side_by_side(scene))
     # Each is asked for, also if another is missing.
     found = [each.get(_AHEAD, _AHEAD) for each in needed if each is not None]
     return bool(found) and None not in found
@@ -91,6 +94,11 @@ def _kernels(scene: Scene) -> StatefulKernels | None:
     if scene.solver.step is None:
         return None if kernels.pair is None or method.longest_step is not None else kernels
     return kernels if (Fraction(repr(scene.solver.step)) * NANOSECONDS).denominator == 1 else None
+
+
+def _side_by_side(scene: Scene) -> OnDemand | None:
+    """Return the kernel for the pairs of several bodies, if there is one."""
+    return pairs_of(len(scene.wheels)) if scene.solver.step is None and _method(scene) is DOP853 else None
 
 
 def _method(scene: Scene) -> Method | None:
@@ -126,12 +134,15 @@ class WheelEnsemble:
         if kernels is None:
             raise SceneError(f"{first.source}: found a scene that cannot be in an ensemble with wheels")
         ahead = _AHEAD * len(scenes)
-        step = kernels.step.get(ahead, ahead)
-        found = ADVANCE_ALL.get(ahead, ahead), step, step if kernels.pair is None else kernels.pair.get(ahead, ahead)
+        step: Any = kernels.step.get(ahead, ahead)
+        pair: Any = step if kernels.pair is None else kernels.pair.get(ahead, ahead)
+        found = ADVANCE_ALL.get(ahead, ahead), step, pair
         if None in found:
             raise LookupError("the kernels for wheels are not there")
+        pairs = _side_by_side(first)
+        together = None if pairs is None else pairs.get(ahead, ahead)
         self._kernel: Any
-        self._kernel, self._step, self._pair = found
+        self._kernel = found[0]
         self._body = body_of_arrays([scene.body for scene in scenes])
         self._start = initial_phases(self._body, [scene.initial for scene in scenes])
         self.time_ns, self.clipped = 0, np.zeros(len(scenes))
@@ -141,6 +152,8 @@ class WheelEnsemble:
         rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
         self._rows, self._arcs = np.array(rows), np.array(arcs)
         self._whole = np.array(whole, dtype=np.int64)
+        room = np.empty(len(scenes), dtype=np.int64)
+        self._handed = (step, pair, together or step, 0 if together is None else 1, room)
         self._begin = self.phases.copy()
 
     def __len__(self) -> int:
@@ -175,8 +188,8 @@ class WheelEnsemble:
         self._samples = None
         what = self._rows, self._arcs, self._whole, self._commands
         each_part(
-            lambda part: self._kernel(*what, time_ns, *part, self._step, self._pair),
-            parts_of(len(self), 1, self._threads, _STEPS),
+            lambda part: self._kernel(*what, time_ns, *part, *self._handed),
+            parts_of(len(self), LANES, self._threads, _STEPS),
         )
         self.time_ns, self._commands = time_ns, self._none
 

@@ -245,7 +245,7 @@ class TestTableaus:
     def test_dop853_has_the_coefficients_of_scipy(self) -> None:
         """Each row without zeros; the measured order shows that they belong to the right slopes."""
         rows = [getattr(dop853, f"_ROW_{stage}") for stage in range(2, 13)]
-        found = [dop853._NODES[1:], *rows, dop853._WEIGHTS, dop853._FIFTH, dop853._THIRD]
+        found = [dop853.NODES[1:], *rows, dop853._WEIGHTS, dop853._FIFTH, dop853._THIRD]
         expected = [DOP853.C, *DOP853.A[1:], DOP853.B, DOP853.E5, DOP853.E3]
 
         assert [list(row) for row in found] == [[a for a in row.tolist() if a] for row in expected]

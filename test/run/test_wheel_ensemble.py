@@ -14,8 +14,10 @@ from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.kernel_layout import phase_numbers
 from rb_dynamics.motion.phase_state import SUMS, PhaseState
+from rb_dynamics.motion.wheel_lanes_kernel import LANES
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.simulation import Simulation, without_outputs
@@ -114,6 +116,55 @@ def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch,
     for i, scene in enumerate(scenes):
         expected = alone(scene, times, [values[i] for values in given])
         assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("acting", [True, False])
+def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
+    monkeypatch: pytest.MonkeyPatch, count: int, acting: bool
+) -> None:
+    """Those that try the same stride do so side by side; wheels that come to rest or to their limits interrupt it."""
+    import numpy as np
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    draw, scenes = random.Random(count), []
+    for number in range(LANES + 3):
+        scene = satellite(number, SOLVERS["auto" if count == 3 else "dop853"], "torque")
+        fourth = replace(scene.wheels[0], name="w3", axis=scene.wheels[1].axis)
+        wheels = (*scene.wheels, fourth)[:count]
+        scenes.append(replace(scene, actuators=wheels, effects=scene.effects if acting else (), duration=10.0))
+    times = [250_000_000 * k for k in range(41)]
+    given = [[[draw.uniform(-3e-3, 3e-3) for _ in range(count)] for _ in scenes] for _ in times]
+    bodies, rows = WheelEnsemble(scenes, 1), []
+    for time_ns, values in zip(times, given, strict=True):
+        bodies.advance_to(time_ns)
+        rows.append(bodies.phases.tolist())
+        bodies.command(np.array(values))
+
+    assert not bodies.left_behind.any()
+    for i, scene in enumerate(scenes):
+        expected = alone(scene, times, [values[i] for values in given])
+        assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+
+
+def test_under_regular_commands_a_period_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stride tried first ends where the next command is expected."""
+    taken: list[float] = []
+    pair, step = Stepper.pair, Stepper.__call__
+    monkeypatch.setattr(Stepper, "pair", lambda s, phase, h: (taken.append(h), pair(s, phase, h))[1])
+    monkeypatch.setattr(Stepper, "__call__", lambda s, phase, h: (taken.append(h), step(s, phase, h))[1])
+    scene = satellite(1, SOLVERS["dop853"], "torque")
+    wheels = tuple(replace(wheel, coulomb=0.0, max_speed=math.inf) for wheel in scene.wheels)
+    run = Simulation(without_outputs(replace(scene, actuators=wheels)))
+    run.start()
+    for k in range(1, 9):
+        run.advance(k * 250_000_000)
+        run.actuate("w0" + COMMAND, 1e-4 * k, k * 250_000_000)
+    taken.clear()
+    for k in range(9, 20):
+        run.advance(k * 250_000_000)
+        run.actuate("w0" + COMMAND, 1e-4 * k, k * 250_000_000)
+    assert taken == [0.25] * 11
 
 
 def test_the_books_are_those_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:

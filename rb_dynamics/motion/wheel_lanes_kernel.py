@@ -1,0 +1,317 @@
+"""The embedded pair of DOP853 for several bodies with reaction wheels, side by side: the compiler vectorises over them.
+
+The bits are those of `stateful_kernel.py`, body by body: the same functions are called, stage by stage, with the
+numbers of the bodies in columns on the stack. For bodies with as many wheels, under central gravity or no effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rb_dynamics.loads.central_gravity import Attraction, attracted
+from rb_dynamics.loads.compiled_load import WIDTH
+from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.wheel_numbers import BEFORE, BOOKS, EACH, inner_torque, momentum_in, spin_up_of
+from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.dop853 import NODES, compared
+from rb_dynamics.motion.explicit_runge_kutta import Carried, Slope, StepConstants, Turn, slope, step_constants
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.motion.inner_states import difference
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_in, phase_in, write_phase_in
+from rb_dynamics.motion.phase_state import grown, two_sum
+from rb_dynamics.motion.stateful_kernel import MOST_STAGES, OTHER, ROWS, WHEELS
+from rb_dynamics.numerics.compilation import block, lane, specialise
+from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+    Whole = npt.NDArray[np.int64]
+
+LANES = 8
+"""Bodies side by side: those of one vector register."""
+
+COUNTS = (3, 4)
+"""How many wheels there are kernels for."""
+
+# Numbers of the effect; and where in a slope push and gain begin, behind the turn, then the rates of the states; twist
+# and power follow them.
+_EFFECT, _TURN, _MOVED = 10, 7, 13
+# The results: of order 8, and the two estimates of the error.
+_RESULTS = 3
+
+
+class _LaneLoad(NamedTuple):
+    """The load on one of the bodies: its wheels, whose numbers and states `column` has, and the only effect."""
+
+    column: Numbers
+    time: float
+    position: Vector
+    moments: Vector
+    held: HeldWrench
+    acts: bool
+    attraction: Attraction
+
+
+def _evaluated(
+    load: _LaneLoad,
+    t: float,
+    displacement: Vector,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+) -> tuple[Vector, Vector]:
+    """As `evaluated_with_wheels`."""
+    here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
+    force, torque = ZERO, ZERO
+    if load.acts:
+        force, torque = attracted(load.attraction, here)
+    held = add(load.held.torque_body, rotate_inverse(orientation, load.held.torque_world))
+    inner = _inner_torque(load.column, 0, _STATES, load.moments, add(held, torque), orientation, angular_velocity)
+    return force, add(torque, inner)
+
+
+def pairs_on_numbers(rows: Numbers, arcs: Numbers, which: Whole, count: int, at: int, after: int, h: float) -> None:
+    """Take the pair of a step of h s for the bodies `which`, as many as `count`.
+
+    Args:
+        rows: (N, ...), of each body the numbers of `stateful_kernel.py`; the second results are written there.
+        arcs: (N, ...), the phases with their states.
+        which: bodies.
+        count: at most `LANES`.
+        at: where in a row of `arcs` the start of the step is.
+        after: where its end is written.
+        h: length of the step, s.
+    """
+    # Body and wrench, phase, second result, wheels with their states, and the effect.
+    c, s, other = block(CONSTANTS, LANES), block(PHASE, LANES), block(PHASE, LANES)
+    w, e = block(_COLUMN, LANES), block(_EFFECT, LANES)
+    # Slopes, the present one, and sums of them.
+    k, b, t = block(_SLOPES, LANES), block(_PER_SLOPE, LANES), block(_SUMS, LANES)
+    for i in range(LANES):
+        # The last body stands for those that are missing.
+        row, arc = rows[which[min(i, count - 1)]], arcs[which[min(i, count - 1)]]
+        _read_body(c, s, w, e, row, arc[at:], i)
+    weights = rows[which[0]]
+    acts = weights[len(weights) - 1] != 0.0
+    _write_zeros(k, _PER_SLOPE)
+    for stage in range(MOST_STAGES):
+        _add_up(k, t, weights, h, stage, stage, 0)
+        _move_states(w, t)
+        ahead = NODES[stage]
+        for i in range(LANES):
+            o = lane(i)
+            f, place, time = _constants(c, s, o, h)
+            moments = (c[1, o], c[2, o], c[3, o])
+            load = _LaneLoad(w[:, o], time, place, moments, f.held, acts, _attraction(e, o))
+            _write_slope(b, w, o, _slope(f, ahead, _turn_of(t, 0, o), _carried_of(t, 0, o), load))
+        _keep_slope(k, b, stage)
+    for result in range(_RESULTS):
+        _add_up(k, t, weights, h, MOST_STAGES + result, MOST_STAGES, result * _PER_SUM)
+    _add_books(k, t, weights, h)
+    _end_states(w, t)
+    for i in range(LANES):
+        o = lane(i)
+        f, _, _ = _constants(c, s, o, h)
+        _, _, high, low = phase_in(s, o)
+        turns = _turn_of(t, 0, o), _turn_of(t, _PER_SUM, o), _turn_of(t, 2 * _PER_SUM, o)
+        moves = _carried_of(t, 0, o), _carried_of(t, _PER_SUM, o), _carried_of(t, 2 * _PER_SUM, o)
+        r = _RESULTS * _PER_SUM
+        books = (t[r, o], t[r + 1, o], t[r + 2, o]), t[r + 3, o]
+        step, second = compared(f, turns, moves, books, f)
+        off = divide(_momentum_in(w[:, o], 0, _STATES), (c[1, o], c[2, o], c[3, o]))
+        new_high, new_low = grown(high, low, second, h)
+        write_phase_in(other, o, second.orientation, add_scaled(second.angular_velocity, 1.0, off), new_high, new_low)
+        new_high, new_low = grown(high, low, step, h)
+        write_phase_in(s, o, step.orientation, step.angular_velocity, new_high, new_low)
+    for i in range(count):
+        _write_body(s, other, w, rows[which[i]], arcs[which[i]][after:], i)
+
+
+def _read_body(c: Numbers, s: Numbers, w: Numbers, e: Numbers, row: Numbers, arc: Numbers, i: int) -> None:
+    for r in range(CONSTANTS):
+        c[r, i] = row[r]
+    for r in range(PHASE):
+        s[r, i] = arc[r]
+    for r in range(_HIGH):
+        w[r, i] = row[WHEELS + r]
+    for r in range(2 * _M):
+        w[_HIGH + r, i] = arc[PHASE + r]
+    for r in range(_EFFECT):
+        e[r, i] = row[len(row) - 1 - WIDTH + r]
+
+
+def _write_body(s: Numbers, other: Numbers, w: Numbers, row: Numbers, arc: Numbers, i: int) -> None:
+    for r in range(PHASE):
+        arc[r], row[OTHER + r] = s[r, i], other[r, i]
+    for r in range(2 * _M):
+        arc[PHASE + r] = w[_HIGH + r, i]
+
+
+# Loops go over rows and bodies at once: the compiler would unroll one over bodies alone, and not vectorise it.
+def _write_zeros(a: Numbers, rows: int) -> None:
+    for x in range(rows * LANES):
+        a[lane(x) // lane(LANES), lane(x) % lane(LANES)] = 0.0
+
+
+def _move_states(w: Numbers, t: Numbers) -> None:
+    """Write the states at a stage."""
+    for x in range(_M * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        sums = w[lane(_HIGH) + r, i] + w[lane(_LOW) + r, i]
+        w[lane(_STATES) + r, i] = sums + t[lane(_MOVED) + r, i]
+
+
+def _keep_slope(k: Numbers, b: Numbers, stage: int) -> None:
+    for x in range(_PER_SLOPE * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        k[lane(stage * _PER_SLOPE) + r, i] = b[r, i]
+
+
+def _add_books(k: Numbers, t: Numbers, weights: Numbers, h: float) -> None:
+    """Write h times the sums of twist and power, behind the other sums; see `booked`."""
+    books = _RESULTS * _PER_SUM
+    for x in range(4 * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        t[lane(books) + r, i] = 0.0
+    for stage in range(MOST_STAGES):
+        weight = weights[ROWS + MOST_STAGES * MOST_STAGES + stage] * h
+        if weight != 0.0:
+            for x in range(4 * LANES):
+                r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+                slope_at = lane(stage * _PER_SLOPE + _PER_SUM) + r
+                t[lane(books) + r, i] = t[lane(books) + r, i] + weight * k[slope_at, i]
+
+
+def _end_states(w: Numbers, t: Numbers) -> None:
+    """Write the errors of the states to where the states at a stage were, and add to their sums."""
+    for x in range(_M * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        fifth, third = t[lane(_PER_SUM + _MOVED) + r, i], t[lane(2 * _PER_SUM + _MOVED) + r, i]
+        w[lane(_STATES) + r, i] = difference(fifth, third)
+    for x in range(_M * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        high, low = w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i]
+        w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i] = two_sum(high, t[lane(_MOVED) + r, i], low)
+
+
+def _attraction(e: Numbers, i: int) -> Attraction:
+    return Attraction(e[1, i], (e[2, i], e[3, i], e[4, i]), e[5, i], (e[6, i], e[7, i], e[8, i]), e[9, i])
+
+
+def _constants(c: Numbers, s: Numbers, i: int, h: float) -> tuple[StepConstants, Vector, float]:
+    """Return the constants of the step of a body, its place and its time at the start."""
+    inertia, held = constants_in(c, i)
+    q, omega, high, low = phase_in(s, i)
+    velocity = scale(1.0 / inertia.mass, (high[3] + low[3], high[4] + low[4], high[5] + low[5]))
+    place = (high[0] + low[0], high[1] + low[1], high[2] + low[2])
+    return step_constants(inertia, held, h, velocity, q, omega), place, high[13] + low[13]
+
+
+def _add_up(k: Numbers, t: Numbers, weights: Numbers, h: float, row: int, stages: int, to: int) -> None:
+    """Write h times the sums of the slopes at the first stages, with the weights of a row, from `to` on."""
+    # One loop over rows and bodies: the compiler would unroll one over bodies alone, and not vectorise it.
+    first = weights[ROWS + row * MOST_STAGES] if stages > 0 else 0.0
+    for x in range(_PER_SUM * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        t[lane(to) + r, i] = first * k[r, i]
+    # Other sums than `total` begin with 0: -0 becomes 0.
+    for x in range((_PER_SUM - _TURN) * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        t[lane(to + _TURN) + r, i] = 0.0 + t[lane(to + _TURN) + r, i]
+    for stage in range(1, stages):
+        weight, at = weights[ROWS + row * MOST_STAGES + stage], stage * _PER_SLOPE
+        if weight != 0.0:
+            for x in range(_PER_SUM * LANES):
+                r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+                t[lane(to) + r, i] = t[lane(to) + r, i] + weight * k[lane(at) + r, i]
+    for x in range(_PER_SUM * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        t[lane(to) + r, i] = h * t[lane(to) + r, i]
+
+
+def _turn_of(t: Numbers, r: int, i: int) -> Turn:
+    return (t[r, i], t[r + 1, i], t[r + 2, i], t[r + 3, i]), (t[r + 4, i], t[r + 5, i], t[r + 6, i])
+
+
+def _carried_of(t: Numbers, r: int, i: int) -> Carried:
+    return (t[r + 7, i], t[r + 8, i], t[r + 9, i]), (t[r + 10, i], t[r + 11, i], t[r + 12, i])
+
+
+def _write_slope(b: Numbers, w: Numbers, i: int, found: Slope) -> None:
+    (b[0, i], b[1, i], b[2, i], b[3, i]), (b[4, i], b[5, i], b[6, i]) = found.turn
+    b[7, i], b[8, i], b[9, i] = found.push
+    b[10, i], b[11, i], b[12, i] = found.gain
+    b[_PER_SUM, i], b[_PER_SUM + 1, i], b[_PER_SUM + 2, i] = found.twist
+    b[_PER_SUM + 3, i] = found.power
+    for r in range(_M):
+        b[_MOVED + r, i] = w[_RATES + r, i]
+
+
+# Of a number of wheels, see `pairs_of`.
+_M = _COLUMN = _HIGH = _LOW = _STATES = _RATES = _PER_SLOPE = _PER_SUM = _SLOPES = _SUMS = 0
+
+
+def _inner_torque(*_: Any) -> Vector:
+    """Placeholder for `inner_torque` of a constant number of wheels."""
+    raise NotImplementedError
+
+
+def _momentum_in(*_: Any) -> Vector:
+    """Placeholder likewise."""
+    raise NotImplementedError
+
+
+def _slope(*_: Any) -> Slope:
+    """Placeholder for `slope` under the load of these wheels."""
+    raise NotImplementedError
+
+
+def _count(c: Numbers, i: int) -> int:  # noqa: ARG001
+    return _WHEELS
+
+
+_WHEELS = 0
+
+
+@cache
+def pairs_of(wheels: int) -> OnDemand | None:
+    """Return the kernel for bodies with so many wheels; None if there is none."""
+    if wheels not in COUNTS:
+        return None
+    m, high = wheels + BOOKS, BEFORE + EACH * wheels
+    sizes = {
+        "_M": m,
+        "_HIGH": high,
+        "_LOW": high + m,
+        "_STATES": high + 2 * m,
+        "_RATES": high + 3 * m,
+        "_COLUMN": high + 4 * m,
+        "_PER_SLOPE": _MOVED + m + 4,
+        "_PER_SUM": _MOVED + m,
+        "_SLOPES": MOST_STAGES * (_MOVED + m + 4),
+        "_SUMS": _RESULTS * (_MOVED + m) + 4,
+    }
+
+    def made(function: Callable[..., Any], **names: object) -> Callable[..., Any]:
+        return specialise(function, f"{function.__name__}_of_{wheels}", **sizes, **names)
+
+    count = made(_count, _WHEELS=wheels)
+    inner = made(inner_torque, count_of=count, spin_up_of=made(spin_up_of, count_of=count))
+    parts = (_read_body, _write_body, _move_states, _keep_slope, _add_books, _end_states, _add_up, _write_slope)
+    found = made(
+        pairs_on_numbers,
+        _slope=made(slope, evaluated=made(_evaluated, _inner_torque=inner)),
+        _momentum_in=made(momentum_in, count_of=count),
+        **{part.__name__: made(part) for part in parts},
+    )
+    return OnDemand("dop853", found, SIGNATURE, steps=2.0 * LANES)
+
+
+SIGNATURE = "void(float64[:, ::1], float64[:, ::1], int64[::1], int64, int64, int64, float64)"
