@@ -25,11 +25,12 @@ from rb_dynamics.analysis.summary import EXPLAINS, summarize
 
 WRONG = {"none": (1.0, 0.0), "moment 2 %": (1.02, 0.0), "moment 5 %": (1.05, 0.0), "moment 20 %": (1.2, 0.0)}
 WRONG |= {"torque 0.002": (1.0, 0.002), "torque 0.01": (1.0, 0.01), "torque 0.05": (1.0, 0.05)}
+ACCUSED = ("inertia", "torque", "bias")
 SENSORS = {"pose and twist": (), "pose": ("/b/twist",), "twist": ("/b/pose",)}
 
 
 def verdict(made: Recording, moments: float, without: tuple[str, ...]) -> tuple[str, bool]:
-    """Return what is said of the inertia, and whether any check fails."""
+    """Return what is accused, and whether any check fails."""
     bag = replace(made.bag, topics={name: topic for name, topic in made.bag.topics.items() if name not in without})
     found = summarize(read_track(bag, made.scene(moments=moments)))
     check = next((each for each in found.checks if each.name == EXPLAINS), None)
@@ -37,8 +38,9 @@ def verdict(made: Recording, moments: float, without: tuple[str, ...]) -> tuple[
         return "not judged", not found.passed
     if check.passed:
         return "passed", not found.passed
-    assert found.residual is not None
-    return ("inertia" if found.residual.explainable else "torque"), not found.passed
+    left = found.residual
+    assert left is not None
+    return ("inertia" if left.explainable else "torque" if left.bias is None else "bias"), not found.passed
 
 
 def main() -> None:
@@ -49,8 +51,9 @@ def main() -> None:
     parser.add_argument("--wrong", nargs="*", default=list(WRONG), help="some of the errors only")
     parser.add_argument("--sensors", nargs="*", default=list(SENSORS), help="some of them only")
     args = parser.parse_args()
-    print("| sensors | wrong | recordings | not judged | inertia accused | torque accused | any check | ms |")
-    print("|---|---|---|---|---|---|---|---|")
+    columns = ("not judged", *(f"{what} accused" for what in ACCUSED), "any check", "ms")
+    print(f"| sensors | wrong | recordings | {' | '.join(columns)} |")
+    print(f"|{'---|' * (3 + len(columns))}")
     for sensors in args.sensors:
         without = SENSORS[sensors]
         for wrong in args.wrong:
@@ -69,12 +72,12 @@ def main() -> None:
                 except KeyboardInterrupt:
                     break
             took = 1e3 * (time.process_time() - begin) / max(1, len(said))
-            counts = [sum(word == of for of, _ in said) for word in ("not judged", "inertia", "torque")]
+            counts = [sum(word == of for of, _ in said) for word in ("not judged", *ACCUSED)]
             failed = sum(any_failed for _, any_failed in said)
             row = " | ".join(map(str, (sensors, wrong, len(said), *counts, failed, f"{took:.0f}")))
             print(f"| {row} |", flush=True)
             if wrong == "none":
-                accused = [s for s, (of, _) in zip(seeds, said, strict=False) if of in ("inertia", "torque")]
+                accused = [s for s, (of, _) in zip(seeds, said, strict=False) if of in ACCUSED]
                 print(f"accused: {accused}", file=sys.stderr, flush=True)
 
 

@@ -309,7 +309,7 @@ def _explained(left: Residual | None) -> list[Check]:
         return []
     name = EXPLAINS
     if not left.told:
-        return [Check(name, True, "not judged; the noise of the recording hides it", judged=False, share=0.0)]
+        return [Check(name, True, f"not judged; {left.untold}", judged=False, share=0.0)]
     if left.explained and left.noise:
         return [Check(name, True, f"up to its noise, {left.noise:.3g} of the angular momentum in a sample")]
     unexplained = f"{left.relative:.3g} of the angular momentum has no cause"

@@ -1,52 +1,41 @@
-"""What a recorded motion shows about its body: unexplained wrench, and best-fitting inertia and mass.
+"""What a recorded motion shows about its body: unexplained wrench, and whether an inertia and a mass explain it.
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
-mass are constant: exact, and linear in I and m. Nothing is differentiated. What changes by more than its own noise
-(`noise.py`) has a cause: a different inertia, a constant error of the rates, or a torque that is not in the
-recording, for which time, axis and size are given. Where impulses are not known, nothing is judged.
-
-Noisy rates appear on both sides of the fit, which would bias plain least squares towards zero. The rates of
-neighbouring samples, whose noise is independent, therefore serve as instruments (Fuller, Measurement Error Models,
-1.4).
+mass are constant: exact, over any time, and nothing is differentiated. What changes by more than its own noise
+(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/explanation.py`):
+it sees smaller changes, in a part of a long recording. Where impulses are not known, nothing is judged.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rb_dynamics.analysis.identification.explanation import Explanation, FittedTorque, explain
+from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, motion_blocks, shared
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, motion_blocks, shared
+from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.logs.bag_reader import IMUS
 from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
-# Directions of the inertia that the motion excites less than this, relative to the best, keep their given value.
-_SEEN = 1e-6
-# The same, relative to the effect of noise.
-_ABOVE_NOISE = 10.0
-# A torque whose impulse is a smaller fraction of the momentum does not determine the scale of the inertia.
-_FELT = 1e-3
 _LEAST_INTERVALS = 10
 # An interval counts if the error of its impulse is at most this fraction of the momentum.
 _ROUGH = 1e-4
-# An inertia, or an error of the rates, explains the residual if it leaves at most this fraction of it.
-_FITS = 0.1
-# Torques that ask for an inertia this many times larger or smaller are of other units.
-_OTHER_SIZE = 3.0
-# A body has I1 + I2 >= I3; a fit to noisy data may violate that by this fraction of I3.
-_FLAT = 0.01
 # A torque is significant at this multiple of its noise; means are taken over as many samples as that needs.
 _STANDS_OUT = 8.0
 # A body turns about one axis if its rate about others is this fraction of the whole, or this multiple of its noise.
 _ONE_AXIS, _NOISE = 1e-3, 2.0
 # A mass is given if its relative standard deviation is less than this.
 _TOLD = 0.1
+# Part of the time of a recording that is as good as all of it.
+_WHOLE = 0.9
 TELLS = 0.5
 """A motion does not determine an inertia if each moment may have a larger undetected relative error."""
 
@@ -82,8 +71,9 @@ class Residual:
         torque_body: the same in body axes at the end of the interval.
         relative: unexplained angular momentum relative to the largest, root mean square.
         best: the same with the best-fitting inertia.
-        inertia: the best-fitting inertia, kg m^2, body axes; with the scale of the given one if no torque determines
-            it.
+        inertia: the best-fitting inertia, kg m^2, body axes, with the scale of the given one if no torque determines
+            it; the given one unless another explains the motion.
+        moment_errors: standard errors of its principal moments, ascending, kg m^2; None for the given one.
         scaled: whether a torque determines the scale.
         mass: the best-fitting mass, kg; None if no force determines it.
         mass_error: standard deviation of `mass`, from noise and from forces that were not recorded, kg.
@@ -94,6 +84,9 @@ class Residual:
         bias: the constant error of the rates that explains the residual, rad/s, body axes; None if none does.
         axis: the only axis about which the body turns, body axes; None if about several.
         recorded: whether the recording has the wrenches that acted.
+        untold: why nothing can be said about the inertia; "" if something can.
+        pieces: the unrecorded torque by the fit, where only that tells it from noise.
+        fitted_ns: begin and end of the part that was fitted; None if none was.
     """
 
     start_ns: Times
@@ -104,6 +97,7 @@ class Residual:
     relative: float
     best: float
     inertia: Array
+    moment_errors: tuple[float, float, float] | None
     scaled: bool
     mass: float | None
     mass_error: float
@@ -114,27 +108,34 @@ class Residual:
     bias: Array | None
     axis: Array | None
     recorded: bool
+    untold: str
+    pieces: FittedTorque | None
+    fitted_ns: tuple[int, int] | None
 
     @property
     def told(self) -> bool:
-        """Whether the noise allows any statement about the inertia."""
-        return not self.explained or self.noise == 0.0 or min(self.unseen) < TELLS
+        """Whether the recording allows any statement about the inertia."""
+        return not self.untold
 
     @property
     def strongest(self) -> Stretch:
         """The interval in which the residual torque has the largest effect."""
-        size = np.linalg.norm(self.torque_world, axis=1)
-        seconds = (self.time_ns - self.start_ns) * 1e-9
+        start_ns, end_ns, world, body = self.start_ns, self.time_ns, self.torque_world, self.torque_body
+        if self.pieces is not None:
+            start_ns, end_ns = self.pieces.edges_ns[:-1], self.pieces.edges_ns[1:]
+            world, body = self.pieces.world, self.pieces.body
+        size = np.linalg.norm(world, axis=1)
+        seconds = (end_ns - start_ns) * 1e-9
         strong = size >= 0.5 * size.max()
-        follows = strong[1:] & strong[:-1] & (self.start_ns[1:] == self.time_ns[:-1])
+        follows = strong[1:] & strong[:-1] & (start_ns[1:] == end_ns[:-1])
         label = np.cumsum(np.concatenate([[True], ~follows]))
         impulse = np.bincount(label, np.where(strong, size * seconds, 0.0))
         within = label == impulse.argmax()
         return Stretch(
-            start_ns=int(self.start_ns[within][0]),
-            end_ns=int(self.time_ns[within][-1]),
-            torque_body=np.average(self.torque_body[within], axis=0, weights=seconds[within]),
-            torque_world=np.average(self.torque_world[within], axis=0, weights=seconds[within]),
+            start_ns=int(start_ns[within][0]),
+            end_ns=int(end_ns[within][-1]),
+            torque_body=np.average(body[within], axis=0, weights=seconds[within]),
+            torque_world=np.average(world[within], axis=0, weights=seconds[within]),
             peak=float(size[within].max()),
         )
 
@@ -148,53 +149,119 @@ class Residual:
 def residual(track: Track, bound: float) -> Residual | None:
     """Return the residual.
 
-    None for a log of this package, a particle, rates without a velocity, or too few samples with known impulses.
+    None for a log of this package, a particle, no pose that was measured, or too few samples with known impulses. Where
+    no twist with the stamps of the pose is recorded, differences of the pose give the wrench over time; their noise is
+    not that of independent samples, so that the fit alone judges.
     """
-    pose, twist, body = track.pose, track.twist, track.body
-    if track.own or pose is None or twist is None or body is None or body.is_particle:
+    pose, body = track.pose, track.body
+    if track.own or pose is None or body is None or body.is_particle or _estimated(track, pose):
         return None
-    time_ns, *_ = shared(pose.time_ns, twist.time_ns)
-    if twist.partial or len(time_ns) <= _LEAST_INTERVALS:
+    direct = track.twist is not None and not track.twist.partial
+    if direct and track.twist is not None:
+        direct = len(shared(pose.time_ns, track.twist.time_ns)[0]) > _LEAST_INTERVALS
+    moving, in_world = (track.twist, track.twist_in_world) if direct else (None, False)
+    if moving is None:
+        rates = rates_of(pose)
+        if rates is None:
+            return None
+        moving = rates.twist
+    time_ns, *_ = shared(pose.time_ns, moving.time_ns)
+    if len(time_ns) <= _LEAST_INTERVALS:
         return None
-    moved = _Moved.of(pose, twist, track.twist_in_world, body)
-    push, turn = (_Pushed.of(track, kind, time_ns) for kind in ("force", "torque"))
+    shown = track if direct else replace(track, twist=moving, twist_in_world=False)
+    moved = _Moved.of(pose, moving, in_world, body)
+    push, turn = (_Pushed.of(shown, kind, time_ns) for kind in ("force", "torque"))
     # Over a gap the quadrature is meaningless, whatever its error estimate.
-    known = (turn.error <= _ROUGH * moved.scale) & np.isfinite(push.error)
+    known = np.isfinite(push.error) & (turn.error <= _ROUGH * moved.scale if direct else np.isfinite(turn.error))
     known[1:] &= np.diff(time_ns) > 0
     if int(known[1:].sum()) < _LEAST_INTERVALS:
         return None
     known[:1] = False
     stretch = np.cumsum(~known, dtype=np.int_)
-    mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps)
-    fit = _of_inertia(np.array(body.inertia), moved.basis, turn.sums, stretch, turn.steps)
-    relative, best = (_rms(left) / fit.scale if fit.scale > 0.0 else 0.0 for left in (fit.left, fit.best_left))
+    given = np.array(body.inertia)
+    left = _left(given, moved, turn, stretch)
+    noise = judge(left, stretch, turn.steps)
+    wrench = _wrench(
+        time_ns, moved.attitude, _differences(body.mass, moved.speed, push.sums), left, stretch,
+        _block(left, stretch, noise),
+    )  # fmt: skip
+    scale = moved.scale if moved.scale > 0.0 else np.inf
+    relative = best = _rms(left) / scale
     # An error of the quadrature is an explanation.
-    accepted = bound + (float(turn.error[known].sum()) / moved.scale if moved.scale > 0.0 else 0.0)
-    explained = relative <= accepted or not fit.noise.beyond
-    fits = best <= max(_FITS * relative, accepted) or not judge(fit.best_left, stretch, turn.steps).beyond
-    explainable = fits and _possible(fit.inertia)
-    found = None if explained or explainable else _of_another_size(fit, moved.basis, turn, time_ns, stretch)
-    if found is not None:
-        explainable, best = True, _rms(found.best_left) / fit.scale
-    bias = None if explained else _bias(body, moved.attitude, fit.left, stretch, turn.steps)
-    noise = fit.noise.level / fit.scale if fit.scale > 0.0 else 0.0
-    of_force = _differences(body.mass, moved.speed, push.sums)
+    accepted = bound + float(turn.error[known].sum()) / scale
+    changes = direct and noise.beyond and relative > accepted
+    worst = wrench["time_ns"][np.linalg.norm(wrench["torque_world"], axis=1).argmax()] if changes else None
+    found = explain(track, body, moving, None if worst is None else int(worst))
+    if found is None and not direct:
+        return None
+    explained = (direct and relative <= accepted) or not (changes or (found is not None and not found.explained))
+    inertia, other = given, None
+    if not explained and found is not None and (other := found.inertia) is not None:
+        after = _left(other.matrix, moved, turn, stretch)
+        explains = other.explains
+        if changes:
+            explains = _rms(after) <= accepted * scale or not judge(after, stretch, turn.steps).beyond
+        if explains:
+            inertia, best = other.matrix, _rms(after) / scale
+        else:
+            other = None
+    bias = None if explained or found is None else found.bias
+    level = noise.level / scale if direct else found.noise if found is not None else np.inf
+    level = level if relative > bound else 0.0
+    unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
+    pieces = None if changes or found is None else found.torque
+    # A fit of the whole that finds nothing beyond coloured noise confirms no torque.
+    confirmed = changes and (found is None or not found.explained or not _whole(found, track))
+    mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps) if direct else (None, np.inf)
     return Residual(
-        **_wrench(time_ns, moved.attitude, of_force, fit.left, stretch, _block(fit.left, stretch, fit.noise)),
+        **wrench,
         relative=relative,
         best=best,
-        inertia=(found or fit).inertia,
-        scaled=(found or fit).scaled,
+        inertia=inertia,
+        moment_errors=None if other is None else other.errors,
+        scaled=found is not None and (found if other is None else other).scaled,
         mass=mass,
         mass_error=mass_error,
         explained=explained,
-        explainable=explainable,
-        noise=noise if relative > bound else 0.0,
-        unseen=fit.unseen,
+        explainable=explained or other is not None,
+        noise=level,
+        unseen=unseen,
         bias=bias,
         axis=_one_axis(moved.omega, stretch),
         recorded=track.acted,
+        untold=_untold(found, explained, level, confirmed or bias is not None or other is not None),
+        pieces=pieces,
+        fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
     )
+
+
+def _estimated(track: Track, pose: TimeSeries) -> bool:
+    """Return whether an attitude is the estimate of an IMU."""
+    topic = track.bag.topics.get(pose.topic)
+    return topic is not None and topic.type_name in IMUS
+
+
+def _whole(found: Explanation, track: Track) -> bool:
+    """Return whether about all of the recording was fitted."""
+    begin, end = track.span_ns
+    return found.end_ns - found.begin_ns >= _WHOLE * (end - begin)
+
+
+def _untold(found: Explanation | None, explained: bool, noise: float, caused: bool) -> str:
+    """Return why nothing can be said; `caused` says whether a cause is found of what is not explained."""
+    if explained:
+        hidden = noise > 0.0 and (found is None or min(found.unseen) >= TELLS)
+        return "the noise of the recording hides it" if hidden else ""
+    if found is not None and found.late:
+        return "a delay of a sensor or of the commands would explain what is left as well"
+    if caused or (found is not None and found.torque is not None):
+        return ""
+    return "neither another inertia nor a torque explains what is left, as of coloured noise"
+
+
+def _left(inertia: Array, moved: _Moved, turn: _Pushed, stretch: Labels) -> Array:
+    """Return what an inertia leaves of the angular momentum."""
+    return centred(_differences(np.array([inertia[i, j] for i, j in PLACES]), moved.basis, turn.sums), stretch)
 
 
 @dataclass(frozen=True)
@@ -306,7 +373,6 @@ def _wrench(
 
 
 # I = sum of x_k unit_k, x = (Ixx, Iyy, Izz, Ixy, Ixz, Iyz).
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def _unit(i: int, j: int) -> Array:
@@ -315,122 +381,12 @@ def _unit(i: int, j: int) -> Array:
     return matrix
 
 
-_UNITS = tuple(_unit(i, j) for i, j in _PLACES)
-
-
-@dataclass(frozen=True)
-class _Fit:
-    given: Array
-    left: Array
-    best_left: Array
-    inertia: Array
-    scaled: bool
-    scale: float
-    noise: Noise
-    unseen: tuple[float, float, float]
-
-
-def _of_another_size(fit: _Fit, basis: Array, turn: _Pushed, time_ns: Times, stretch: Labels) -> _Fit | None:
-    """Return the fit from an inertia of the size that the torques show, if it explains the motion; else None.
-
-    Where the torques or the inertia given are in other units, what is felt, known and seen is told by that size.
-    """
-    given = np.array([fit.given[i, j] for i, j in _PLACES])
-    momentum = centred(stored((_times(rows, given) for rows in in_blocks(basis)), 3), stretch)
-    size = _product(momentum, centred(turn.sums, stretch)) / max(_product(momentum, momentum), 1e-300)
-    if not size > 0.0 or 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
-        return None
-    known = turn.error <= _ROUGH * size * fit.scale
-    known[1:] &= np.diff(time_ns) > 0
-    known[:1] = False
-    if int(known[1:].sum()) < _LEAST_INTERVALS:
-        return None
-    stretch = np.cumsum(~known, dtype=np.int_)
-    found = _of_inertia(size * fit.given, basis, turn.sums, stretch, turn.steps)
-    fits = _rms(found.best_left) <= _FITS * _rms(found.left) or not judge(found.best_left, stretch, turn.steps).beyond
-    return found if fits and found.scaled and _possible(found.inertia) else None
+_UNITS = tuple(_unit(i, j) for i, j in PLACES)
 
 
 def _product(one: Array, other: Array) -> float:
     """Return the sum of all products."""
     return sum(float(np.sum(a * b)) for a, b in zip(in_blocks(one), in_blocks(other), strict=True))
-
-
-def _of_inertia(matrix: Array, basis: Array, turned: Array, stretch: Labels, steps: Array) -> _Fit:
-    """Return the residual of `basis` (n, 18) times the inertia and the impulses so far (n, 3), as given and best."""
-    given = np.array([matrix[i, j] for i, j in _PLACES])
-    scale = max(float(np.linalg.norm(_times(rows, given), axis=1).max()) for rows in in_blocks(basis))
-    left = centred(_differences(given, basis, turned), stretch)
-    noise = judge(left, stretch, steps)
-    felt = largest(centred(turned, stretch))
-    scaled = felt > max(_FELT * scale, noise.level)
-    # Without a torque every multiple of an inertia fits as well, so only changes that keep the size of the momentum
-    # are fitted: of a body that turns about one axis, none is left.
-    free = np.eye(6) if scaled else _across(_along(basis, given))
-    normal, pull, count = _normal(centred(basis, stretch), left, stretch)
-    values, vectors = np.linalg.eigh(free.T @ (normal + normal.T) @ free / 2.0)
-    # By noise alone a sum of n products differs from zero by about the square root of n.
-    smallest = float(np.abs(values).max()) * _SEEN**2
-    rates = (noise.level / max(float(np.linalg.norm(given)), 1e-300)) ** 2
-    seen = values > max(smallest, _ABOVE_NOISE * rates * np.sqrt(count))
-    vectors = free @ vectors[:, seen]
-    best = given - vectors @ np.linalg.solve(vectors.T @ normal @ vectors, vectors.T @ pull)
-    if not scaled and best[:3].sum() > 0.0:
-        best *= given[:3].sum() / best[:3].sum()
-    inertia: Array = np.tensordot(best, np.array(_UNITS), axes=1)
-    best_left = centred(_differences(best, basis, turned), stretch)
-    return _Fit(matrix, left, best_left, inertia, scaled, scale, noise, _unseen(matrix, vectors, values[seen], noise))
-
-
-def _along(basis: Array, given: Array) -> Array:
-    """Return the sum over all samples of the momentum times what each of the six numbers adds to it."""
-    total = np.zeros(6)
-    for rows in in_blocks(basis):
-        total += np.einsum("nri,nr->i", rows.reshape(-1, 3, 6), _times(rows, given))
-    return total
-
-
-def _normal(basis: Array, left: Array, stretch: Labels) -> tuple[Array, Array, int]:
-    """Return the equations of the fit, with the neighbours of each sample as instruments, and of how many samples."""
-    normal, pull, count = np.zeros((6, 6)), np.zeros(6), 0
-    for rows, rest, labels in zip(in_blocks(basis, 2), in_blocks(left, 2), in_blocks(stretch, 2), strict=True):
-        between, moved = _between(labels), rows.reshape(-1, 3, 6)
-        beside, here = 0.5 * (moved[:-2][between] + moved[2:][between]), moved[1:-1][between]
-        normal += np.einsum("nri,nrj->ij", beside, here)
-        pull += np.einsum("nri,nr->i", beside, rest[1:-1][between])
-        count += len(here)
-    return normal, pull, count
-
-
-def _between(stretch: Labels) -> NDArray[np.bool_]:
-    """Return for each row but the first and last whether both neighbours are in its stretch."""
-    result: NDArray[np.bool_] = stretch[:-2] == stretch[2:]
-    return result
-
-
-def _unseen(matrix: Array, directions: Array, values: Array, noise: Noise) -> tuple[float, float, float]:
-    """Return the relative error of each principal moment, ascending, that noise may hide."""
-    moments, axes = np.linalg.eigh(matrix)
-    found = []
-    for moment, axis in zip(moments, axes.T, strict=True):
-        change = directions.T @ np.array([(1.0 if i == j else 2.0) * axis[i] * axis[j] for i, j in _PLACES])
-        effect = float(moment * np.sqrt(np.sum(values * change**2)))
-        found.append(noise.seen() / effect if effect > 0.0 else np.inf)
-    return found[0], found[1], found[2]
-
-
-def _bias(body: RigidBody, attitude: Array, left: Array, stretch: Labels, steps: Array) -> Array | None:
-    """Return the constant error of the rates (rad/s, body axes) that explains what is `left`; None if none does."""
-    matrix = np.array(body.inertia)
-    turned = (np.stack([rotate_all(part, row) for row in matrix.T], axis=2) for part in in_blocks(attitude))
-    effect = centred(stored((part.reshape(-1, 9) for part in turned), 9), stretch)
-    blocks = zip(in_blocks(effect), in_blocks(left), strict=True)
-    both = _triangle((np.hstack([part.reshape(-1, 3), rest.reshape(-1, 1)]) for part, rest in blocks), 4)
-    bias = np.linalg.lstsq(both[:, :3], both[:, 3], rcond=_SEEN)[0]
-    blocks = zip(in_blocks(effect), in_blocks(left), strict=True)
-    rest = stored((other - part.reshape(-1, 3, 3) @ bias for part, other in blocks), 3)
-    result: Array = np.asarray(bias, dtype=np.float64)
-    return result if _rms(rest) <= _FITS * _rms(left) or not judge(rest, stretch, steps).beyond else None
 
 
 def _triangle(blocks: Iterable[Array], columns: int) -> Array:
@@ -439,12 +395,6 @@ def _triangle(blocks: Iterable[Array], columns: int) -> Array:
     for block in blocks:
         result = np.asarray(np.linalg.qr(np.concatenate([result, block]), mode="r"))
     return result
-
-
-def _across(direction: Array) -> Array:
-    """Return an orthonormal basis (6, 5) of what is perpendicular to `direction` (6,)."""
-    basis: Array = np.linalg.svd(direction[None])[2][1:].T
-    return basis
 
 
 def _one_axis(omega: Array, stretch: Labels) -> Array | None:
@@ -490,11 +440,6 @@ def _block(left: Array, stretch: Labels, noise: Noise) -> int:
             break
         size *= 2
     return size
-
-
-def _possible(inertia: Array) -> bool:
-    least, middle, largest = np.linalg.eigvalsh(inertia)
-    return bool(least > 0.0 and least + middle >= (1.0 - _FLAT) * largest)
 
 
 def _rms(left: Array) -> float:

@@ -251,7 +251,9 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     """Return how well the given body explains the motion, and what would explain it; times from `zero_ns`."""
     force, torque = left.root_mean_square
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
-    if not left.told:
+    if not left.told and not left.explained:
+        verdict = f"CANNOT TELL whether the inertia given explains the motion: {left.untold}."
+    elif not left.told:
         verdict = (
             "CANNOT TELL at this noise whether the inertia given explains the motion: it is "
             f"{_noise(left)}, and {_unseen(left)}."
@@ -263,13 +265,9 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     elif left.explained:
         verdict = "The inertia given explains the motion."
     elif left.explainable:
-        rest = f"{100.0 * left.best / left.relative:.2g} %" if left.relative > 0.0 else "all"
-        moments = ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(left.inertia))
-        scale = "" if left.scaled else " (up to a factor, as no torque tells the scale)"
         verdict = (
-            f"The inertia given does NOT explain the motion. The best fit, principal moments of {moments} kg m²{scale}"
-            f", leaves {rest} of what the inertia given leaves unexplained; identify tells it with its errors."
-            f"{_bias(left, 'would explain it too')}"
+            f"The inertia given does NOT explain the motion. The best fit, {_moments(left)}, leaves {left.best:.3g} of "
+            f"the angular momentum without a cause.{_bias(left, 'would explain it too')}"
         )
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
@@ -277,6 +275,15 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
         lacks = "commanded" if left.recorded else "recorded"
         verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, zero_ns)}"
     return f"{verdict}{_one_axis(left)} {size}{_mass(left)}"
+
+
+def _moments(left: Residual) -> str:
+    """Return the principal moments of the best-fitting inertia."""
+    errors = left.moment_errors or (0.0, 0.0, 0.0)
+    moments = zip(np.linalg.eigvalsh(left.inertia), errors, strict=True)
+    told = ", ".join(f"{moment:.6g} ± {error:.2g}" for moment, error in moments)
+    scale = "" if left.scaled else " (up to a factor, as no torque tells the scale)"
+    return f"principal moments of {told} kg m²{scale}"
 
 
 def _one_axis(left: Residual) -> str:
@@ -337,8 +344,7 @@ def inertia_rows(summary: RunSummary, body: RigidBody | None) -> list[list[str]]
     if left is None or body is None:
         return []
     columns = [("given", np.array(body.inertia))]
-    fits = left.noise == 0.0 if left.explained else left.explainable
-    columns += [("fits best", left.inertia)] if fits else []
+    columns += [("fits best", left.inertia)] if left.moment_errors else []
     rows = [["kg m², body axes", *(name for name, _ in columns)]]
     for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
         rows.append([f"I{'xyz'[i]}{'xyz'[j]}", *(f"{inertia[i, j]:.6g}" for _, inertia in columns)])

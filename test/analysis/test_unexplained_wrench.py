@@ -13,7 +13,7 @@ from tumbling import Tumble, bag_of
 
 from rb_dynamics import Setpoint, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, _possible, residual
+from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, residual
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -70,7 +70,7 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     np.testing.assert_allclose(left.inertia, TRUE, rtol=0, atol=1e-4)
     assert left.explainable
     assert "does NOT explain the motion. The best fit, principal moments of " in (said := residual_sentence(left, 0))
-    assert "; identify tells it with its errors." in said
+    assert " ± " in said
 
 
 @pytest.mark.parametrize("factor", [1e-4, 1e-3, 1e3, 1e4])
@@ -113,12 +113,6 @@ def test_a_mass_is_not_told_to_the_noise_where_forces_are_missing() -> None:
     mass, error = _of_mass(speed, np.cumsum(told, axis=0), stretch)
     assert mass is None
     assert 0.1 < error < np.inf
-
-
-def test_a_body_keeps_the_triangle_inequality() -> None:
-    assert _possible(np.diag([1.0, 1.0, 2.0]))
-    assert not _possible(np.diag([0.0276, 0.2366, 0.2952]))
-    assert not _possible(np.diag([-0.1, 1.0, 1.0]))
 
 
 def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:

@@ -99,7 +99,7 @@ def fitted(model: Model, starts: int, loss: str, seed: int, progress: Callable[[
 
 
 def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[float], None] | None) -> Fit:
-    noise = {k: max(_noise_of(s), floor_of(model, k)) for k, s in _streams(model).items()}
+    noise = noise_shown(model)
     pieces = _pieces(model)
     tries = _starts(model, starts, noise, pieces[0] if pieces else None, seed)
     bar = _Progress(progress, len(tries) * (len(pieces) + 1) + 2)
@@ -129,6 +129,19 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     found_fit = settled(model, best.x, noise, loss, bool(best.status > 0))
     bar.step()
     return found_fit._replace(starts=len(found), agreeing=agreeing)
+
+
+def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:
+    """Return the parameters of the scene and those of `first_guess`; what is nearer to the motion comes first."""
+    pieces = _pieces(model)
+    return _starts(model, 1 + ("shape" in model.layout), noise, pieces[0] if pieces else None, 0)
+
+
+def followed(model: Model, z: Array, noise: dict[Key, float]) -> Array:
+    """Return the parameters of the fit from one start, with this noise."""
+    for until in (*_pieces(model), None):
+        z = _least_squares(model, z, noise, "linear", until).x
+    return z
 
 
 def _same_minimum(one: Any, other: Any) -> bool:
@@ -381,6 +394,11 @@ def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, fl
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
         found[key] = max(float(level), floor_of(model, key))
     return found
+
+
+def noise_shown(model: Model) -> dict[Key, float]:
+    """Return the noise of each sensor that its own differences show, whatever the model."""
+    return {key: max(_noise_of(streams), floor_of(model, key)) for key, streams in _streams(model).items()}
 
 
 def floor_of(model: Model, key: Key) -> float:

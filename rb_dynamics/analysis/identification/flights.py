@@ -368,20 +368,24 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
             f"{path}: a piece of the recording is missing, in which the wrench on {wrench.topic} may have changed; "
             "cut the flight to before or after it, with convert --from or --to"
         )
-    nothing = np.zeros_like(wrench.force)
-    world = wrench.world[:, None]
+    held = held_rows(wrench)
+    times = wrench.time_ns - zero
+    if wrench.topic.endswith(APPLIED):
+        return WrenchSeries(wrench.topic.removesuffix(APPLIED), times, held)
+    return commanded(wrench.topic, times, held, scene)
+
+
+def held_rows(wrench: RecordedWrench) -> Array:
+    """Return the rows of a recorded wrench as those of a `WrenchSeries`."""
+    nothing, world = np.zeros_like(wrench.force), wrench.world[:, None]
     parts = (wrench.force, wrench.torque)
-    held = np.hstack(
+    return np.hstack(
         [
             *(np.where(world, nothing, part) for part in parts),
             *(np.where(world, part, nothing) for part in parts),
             np.where(wrench.at_point[:, None], wrench.force, nothing),
         ]
     )
-    times = wrench.time_ns - zero
-    if wrench.topic.endswith(APPLIED):
-        return WrenchSeries(wrench.topic.removesuffix(APPLIED), times, held)
-    return commanded(wrench.topic, times, held, scene)
 
 
 def commanded(topic: str, times: Times, held: Array, scene: Scene) -> WrenchSeries:

@@ -16,7 +16,7 @@ from rb_dynamics.analysis.track import Array
 
 # Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
 # throws whose truth is known 4.3. A fit that leaves more of the motion itself unexplained means nothing.
-_EXPLAINED, _FOLLOWED = 5.0, 0.1
+EXPLAINED, _FOLLOWED = 5.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Residuals:
     @property
     def explained(self) -> bool:
         """Whether the model explains them up to noise."""
-        return self.times_noise <= _EXPLAINED
+        return self.times_noise <= EXPLAINED
 
     @property
     def follows(self) -> bool:
@@ -80,7 +80,7 @@ def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> lis
         rms = _rms(every)
         # Nothing is judged below the accuracy that a recording is believed to have.
         white = white or rms <= floor_of(model, key)
-        told = [noise for each, _ in mine if np.isfinite(noise := _beneath(model, each))]
+        told = [noise for each, _ in mine if np.isfinite(noise := noise_of(model, each))]
         beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
         motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
         # Without a motion, and of too few samples, there is nothing to judge by.
@@ -95,7 +95,7 @@ def _rms(rows: Array) -> float:
     return float(np.sqrt(np.mean(rows**2)))
 
 
-def _beneath(model: Model, each: Predicted) -> float:
+def noise_of(model: Model, each: Predicted) -> float:
     """Return the noise of a sample beneath residuals."""
     interval = usual_interval(each.time_ns) * 1e-9
     steps = np.abs(np.diff(each.measured, axis=0))

@@ -1,0 +1,435 @@
+"""`explain`: what the rotation in one recording says about the given inertia, by the model and the fit of `identify`.
+
+The start of the motion is fitted with the given inertia and the recorded torques. Each candidate for what may be wrong
+is then added to the model, and one Gauss-Newton step is taken with it, from exact derivatives: the score test (Rao,
+Proc. Cambridge Phil. Soc. 44 (1948) 50), which no other minimum of the fit can mislead. Where residuals stay coloured,
+the covariance is that of coloured noise, doubled. An inertia that counts is fitted to the end.
+
+The time of a fit grows with the recording: of a long one, a part is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rb_dynamics.analysis.identification.coloured_noise import bands_of, root_of, whiteness, widened
+from rb_dynamics.analysis.identification.estimation import floor_of, followed, noise_shown, sane, stacked, starts_of
+from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, Stream, WrenchSeries, held_rows
+from rb_dynamics.analysis.identification.missing_parameters import TOLD
+from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
+from rb_dynamics.analysis.identification.prediction import Model, Predicted
+from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.body.state import State
+from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.logs.bag_reader import IMUS
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.scene.model import Scene
+
+# Of a recording of the right body, the chance that a candidate counts.
+_CHANCE = 3e-4
+# Pieces of time in each of which a torque is constant.
+_PIECES = 12
+# rad that the body turns in the part that is fitted, and samples of each sensor there.
+_TURN, _MOST, _FEWEST = 60.0, 500, 16
+# Of the least noise that `identify` believes in: other programs integrate and stamp less exactly.
+_LESS_EXACT = 10.0
+# Standard errors of a change of six numbers that is found in 95 of 100 recordings at this chance.
+_SURELY = 7.0
+_ITERATIONS = 8
+# Of the sum of squares over the noise: a gain that is not worth another step.
+_GAIN = 0.01
+
+
+@dataclass(frozen=True)
+class FittedInertia:
+    """The inertia that fits best.
+
+    Attributes:
+        matrix: kg m^2, body axes.
+        errors: standard errors of the principal moments, ascending, kg m^2; without that of the scale if no torque
+            determines it.
+        scaled: whether a torque determines the scale; otherwise it is that of the given inertia.
+        explains: whether it leaves only noise.
+        criterion: that of Schwarz, up to a constant.
+    """
+
+    matrix: Array
+    errors: tuple[float, float, float]
+    scaled: bool
+    explains: bool
+    criterion: float
+
+
+@dataclass(frozen=True)
+class FittedTorque:
+    """A torque that is constant in each of some pieces of time.
+
+    Attributes:
+        edges_ns: (n + 1,), begin of each piece, and end of the last.
+        body: (n, 3), N m, body axes.
+        world: (n, 3), the same in world axes, at the middle of each piece.
+    """
+
+    edges_ns: Times
+    body: Array
+    world: Array
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a fit says about the inertia.
+
+    Attributes:
+        begin_ns: begin of the part that was fitted.
+        end_ns: its end.
+        explained: whether the given inertia leaves only noise.
+        noise: standard deviation of a sample of the attitude, all components together, rad.
+        scaled: whether a torque determines the scale of the inertia.
+        unseen: for each principal moment, ascending, the relative error that noise may hide.
+        inertia: the best-fitting one; None if the given one explains the motion, or no motion follows the recording.
+        bias: the constant error of the rates that leaves only noise, rad/s, body axes; None if none does.
+        late: whether a delay of a sensor or of the commands leaves only noise, and is likelier than another inertia.
+        torque: the unrecorded torque that leaves only noise; None if none does.
+    """
+
+    begin_ns: int
+    end_ns: int
+    explained: bool
+    noise: float
+    scaled: bool
+    unseen: tuple[float, float, float]
+    inertia: FittedInertia | None = None
+    bias: Array | None = None
+    late: bool = False
+    torque: FittedTorque | None = None
+
+
+def explain(track: Track, body: RigidBody, moving: TimeSeries, near_ns: int | None = None) -> Explanation | None:
+    """Return what the attitude and the measured rates of `track` say about the inertia of `body`.
+
+    None if no part in which the torque is known is long enough.
+
+    Args:
+        track: with a pose.
+        body: the body.
+        moving: a twist, also one that is computed from the pose: it tells how fast the body turns.
+        near_ns: a time at which the inertia is known to leave something unexplained; what would explain it is asked
+            for, and a long recording is judged around that time.
+    """
+    part = _part(track, moving, near_ns)
+    if part is None:
+        return None
+    # A fit waits for its kernel: without it each step takes a hundred times as long.
+    with counted_by(Tally()):
+        return _Judge(body, *part).explanation(near_ns is not None)
+
+
+def _part(track: Track, moving: TimeSeries, near_ns: int | None) -> tuple[Flight, int] | None:
+    """Return what is fitted, with times from its begin, and that; None for too few samples."""
+    stretches = _known(track)
+    begin, end = next(
+        (each for each in stretches if near_ns is not None and each[0] <= near_ns <= each[1]),
+        max(stretches, key=lambda each: each[1] - each[0], default=(0, 0)),
+    )
+    some = moving.values[:: max(1, len(moving.values) // _MOST), 3:]
+    rate = float(np.median(np.linalg.norm(some, axis=1)))
+    half = round(0.5 * _TURN / max(rate, 1e-9) * NANOSECONDS)
+    if 2 * half < end - begin:
+        middle = (begin + end) // 2 if near_ns is None else near_ns
+        begin = min(max(begin, middle - half), end - 2 * half)
+        end = begin + 2 * half
+    streams = [_thinned(stream, begin, end) for stream in _streams(track)]
+    if not streams or min(len(stream.time_ns) for stream in streams) < _FEWEST:
+        return None
+    first = min(int(stream.time_ns[0]) for stream in streams)
+    channels = tuple(
+        WrenchSeries(each.topic, each.time_ns[each.known] - first, held_rows(each)[each.known])
+        for each in track.acting
+        if each.known.any()
+    )
+    moved = tuple(replace(stream, time_ns=stream.time_ns - first) for stream in streams)
+    return Flight(str(track.bag.path), moved, channels).without_repeats(), first
+
+
+def _known(track: Track) -> list[tuple[int, int]]:
+    """Return the stretches of time in which all wrenches are known."""
+    begin, end = track.span_ns
+    found = [(begin, end)]
+    for each in track.acting:
+        until = np.append(each.time_ns[1:], end)
+        for low, high in zip(each.time_ns[~each.known].tolist(), until[~each.known].tolist(), strict=True):
+            found = [part for a, b in found for part in ((a, min(b, low)), (max(a, high), b)) if part[1] > part[0]]
+    return found
+
+
+def _streams(track: Track) -> list[Stream]:
+    """Return what measures the rotation; attitudes as recorded, as those of a long recording take much memory."""
+    found = []
+    if track.pose is not None:
+        found.append(Stream(track.pose.topic, ATTITUDE, track.pose.time_ns, track.pose.values[:, 3:]))
+    if track.twist is not None and track.twist.values[:, 3:].any():
+        rates, topic = track.twist.values[:, 3:], track.bag.topics.get(track.twist.topic)
+        gyro = topic is not None and topic.type_name in IMUS
+        found.append(
+            Stream(track.twist.topic, RATES, track.twist.time_ns, rates, track.twist_in_world and not gyro, gyro=gyro)
+        )
+    return found
+
+
+def _thinned(stream: Stream, begin: int, end: int) -> Stream:
+    """Return what a stream measured in a part, with samples left out evenly where there are many."""
+    first, last = np.searchsorted(stream.time_ns, [begin, end + 1]).tolist()
+    rows = slice(first, last, max(1, -(-(last - first) // _MOST)))
+    times, values = stream.time_ns[rows], stream.values[rows]
+    kept = np.isfinite(values).all(axis=1)
+    values = unit_rows(values[kept]) if stream.kind == ATTITUDE else values[kept]
+    return replace(stream, time_ns=times[kept], values=values)
+
+
+class _Tried(NamedTuple):
+    """One step with a candidate in the model.
+
+    Attributes:
+        step: of the parameters of the candidate.
+        covariance: of these.
+        chance: that a recording without what the candidate stands for looks like this.
+        white: whether what is left is noise.
+        criterion: that of Schwarz, up to a constant: of two candidates, the one with less is the likelier.
+    """
+
+    step: Array
+    covariance: Array
+    chance: float
+    white: bool
+    criterion: float
+
+
+class _Judge:
+    """A fit of the start alone, and what is tried beside it."""
+
+    def __init__(self, body: RigidBody, flight: Flight, begin_ns: int) -> None:
+        self.scene, self.flight, self.begin_ns = Scene(body, WrenchFrames(), State()), flight, begin_ns
+        gyro = any(stream.gyro for stream in flight.streams)
+        self.base = ("initial", "gyro_bias") if gyro else ("initial",)
+        self.model = Model(self.scene, [flight], self.base)
+        self.floor = {(s.topic, s.kind): _LESS_EXACT * floor_of(self.model, (s.topic, s.kind)) for s in flight.streams}
+        self.noise = {key: max(level, self.floor[key]) for key, level in noise_shown(self.model).items()}
+
+    def explanation(self, doubtful: bool) -> Explanation:
+        """Return what is found."""
+        first, last = self.flight.span_ns
+        attitude = (level for (_, kind), level in self.noise.items() if kind == ATTITUDE)
+        noise, hidden = float(np.sqrt(3.0)) * next(attitude, 0.0), (np.inf, np.inf, np.inf)
+        found = Explanation(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
+        z = self._start()
+        if z is None:
+            # With an inertia in other units, no motion follows the recording.
+            return replace(found, inertia=self._inertia())
+        return self._beside(z, found, doubtful)
+
+    def _beside(self, z: Array, found: Explanation, doubtful: bool) -> Explanation:
+        """Return what is found beside a start."""
+        edges = np.linspace(0.0, self.flight.span_ns[1] / NANOSECONDS, _PIECES + 1)
+        nothing = Wrench(ZERO, ZERO, self.scene.frames.body_frame)
+        pushed = replace(self.scene, effects=(ScheduledWrench(tuple((t, nothing) for t in edges[:-1].tolist())),))
+        pieces = [f"effects[0].schedule[{k}].torque" for k in range(_PIECES)]
+        biased = "gyro_bias" not in self.base and any(stream.kind == RATES for stream in self.flight.streams)
+        wide = Model(pushed, [self.flight], (*self.base, "inertia", "delay", *["gyro_bias"] * biased, *pieces))
+        at = self._within(wide, z)
+        predicted = list(wide.predict(at))
+        if not self._sane(predicted):
+            return replace(found, inertia=self._inertia())
+        blocks = {
+            of: [name for name in wide.layout.blocks if name.startswith(starts) and name not in self.model.layout]
+            for of, starts in (
+                ("inertia", ("size", "shape")), ("late", "delay."), ("bias", "gyro_bias"), ("torque", "effects")
+            )
+        }  # fmt: skip
+        base = _columns(wide, self.model.layout.blocks)
+        tried = {of: self._tried(predicted, base, _columns(wide, names)) for of, names in blocks.items() if names}
+        found = replace(
+            found,
+            explained=self._near_noise(predicted) and all(each.chance > _CHANCE for each in tried.values()),
+            scaled=_scaled(tried["inertia"].covariance),
+            unseen=_unseen(wide, at, tried["inertia"].covariance),
+        )
+        if found.explained and not doubtful:
+            return found
+        bias, pushes, inertia = tried.get("bias"), tried["torque"], self._inertia()
+        scale = np.concatenate([wide.layout[name].scale for name in blocks["torque"]])
+        return replace(
+            found,
+            inertia=inertia,
+            bias=bias.step * wide.layout[blocks["bias"][0]].scale if bias is not None and bias.white else None,
+            late=bool(blocks["late"]) and self._late(z, inertia),
+            torque=self._torque(edges, (scale * pushes.step).reshape(-1, 3)) if pushes.white else None,
+        )
+
+    def _start(self) -> Array | None:
+        """Return the parameters of the start; None if the motion diverges."""
+        z = np.zeros(self.model.layout.count)
+        for _ in range(_ITERATIONS):
+            predicted = list(self.model.predict(z))
+            if not self._sane(predicted):
+                return None
+            left, by = stacked(predicted, self.noise)
+            step = np.linalg.lstsq(np.vstack([by, np.eye(len(z))]), np.append(-left, -z), rcond=None)[0]
+            z = z + step
+            if float(np.sum((by @ step) ** 2)) < _GAIN:
+                break
+        return z
+
+    def _within(self, wide: Model, z: Array) -> Array:
+        """Return the parameters of a start as those of a model that has more."""
+        found = np.zeros(wide.layout.count)
+        for name, block in self.model.layout.blocks.items():
+            found[wide.layout[name].at] = z[block.at]
+        return found
+
+    def _near_noise(self, predicted: Sequence[Predicted]) -> bool:
+        """Return whether residuals are about the noise beneath them: one step tells little of what leaves more."""
+        return all(
+            float(np.sqrt(np.mean(each.left**2))) <= EXPLAINED * max(noise_of(self.model, each), self.floor[each.key])
+            for each in predicted
+        )
+
+    def _sane(self, predicted: Iterable[Predicted]) -> bool:
+        return all(sane(each.left, each.by, unit=self.noise[each.key]) for each in predicted)
+
+    def _tried(
+        self,
+        predicted: Sequence[Predicted],
+        base: npt.NDArray[np.int64],
+        own: npt.NDArray[np.int64],
+    ) -> _Tried:
+        """Return a step with the parameters `own` besides those of the `base`."""
+        from scipy.special import fdtrc
+
+        left, weighted = stacked(predicted, self.noise)
+        by = weighted[:, np.concatenate([base, own])]
+        covariance: Array = np.asarray(np.linalg.inv(by.T @ by + np.eye(by.shape[1])), dtype=np.float64)
+        step = -covariance @ (by.T @ left)
+        after, root = left + by @ step, root_of(covariance)
+        counts = [len(each.left) for each in predicted]
+        bands = bands_of(after, by, root, counts)
+        parts = np.split(after.reshape(-1, 3), np.cumsum(counts)[:-1])
+        white = all(
+            whiteness([part], [of])[0]
+            or float(np.sqrt(np.mean(part**2))) <= self.floor[each.key] / self.noise[each.key]
+            for part, of, each in zip(parts, bands, predicted, strict=True)
+        )
+        freedom = max(1.0, float(len(left) - by.shape[1]))
+        level = max(1.0, float(after @ after) / freedom)
+        criterion = len(left) * np.log(level) + by.shape[1] * np.log(len(left))
+        if white:
+            covariance = covariance * level
+        else:
+            covariance, freedom = widened(root, bands)
+        mine, change = covariance[len(base) :, len(base) :], step[len(base) :]
+        sizes, axes = np.linalg.eigh(mine)
+        seen = axes[:, sizes < TOLD**2]
+        chance = 1.0
+        if seen.shape[1]:
+            along = seen.T @ change
+            statistic = float(along @ np.linalg.solve(seen.T @ mine @ seen, along)) / len(along)
+            chance = float(fdtrc(len(along), freedom, statistic))
+        return _Tried(change, mine, chance, white, float(criterion))
+
+    def _inertia(self) -> FittedInertia | None:
+        """Return the inertia that fits best; None if no motion follows the recording."""
+        model = Model(self.scene, [self.flight], (*self.base, "inertia"))
+        found = self._fitted(model, starts_of(model, self.noise), ("size", "shape"))
+        if found is None:
+            return None
+        at, tried = found
+        matrix, scaled, covariance = model.body(at).inertia, _scaled(tried.covariance), tried.covariance
+        if not scaled:
+            matrix = matrix * model.inertia.trace / np.trace(matrix)
+            covariance = covariance.copy()
+            covariance[0] = covariance[:, 0] = 0.0
+        by = _of_moments(model, at, matrix)
+        errors = np.sqrt(np.einsum("ij,jk,ik->i", by, covariance, by)).tolist()
+        return FittedInertia(matrix, (errors[0], errors[1], errors[2]), scaled, tried.white, tried.criterion)
+
+    def _late(self, z: Array, inertia: FittedInertia | None) -> bool:
+        """Return whether delays leave only noise, and are likelier than another inertia."""
+        model = Model(self.scene, [self.flight], (*self.base, "delay"))
+        names = [name for name in model.layout.blocks if name.startswith("delay.")]
+        found = self._fitted(model, [self._within(model, z)], names)
+        return found is not None and found[1].white and (inertia is None or found[1].criterion < inertia.criterion)
+
+    def _fitted(self, model: Model, starts: Sequence[Array], names: Sequence[str]) -> tuple[Array, _Tried] | None:
+        """Return the parameters of the best fit, and a last step with the blocks `names` besides the others.
+
+        A fit that leaves only noise is the best: no other start can improve it.
+        """
+        own = _columns(model, names)
+        base = np.setdiff1d(np.arange(model.layout.count), own)
+        best: tuple[Array, _Tried] | None = None
+        for start in starts:
+            # From an inertia in other units, a search may go far astray.
+            with np.errstate(over="ignore", invalid="ignore"):
+                z = followed(model, start, self.noise)
+                predicted = list(model.predict(z))
+            if not self._sane(predicted):
+                continue
+            tried = self._tried(predicted, base, own)
+            if best is None or tried.criterion < best[1].criterion:
+                best = z, tried
+            if tried.white:
+                break
+        return best
+
+    def _torque(self, edges: Array, body: Array) -> FittedTorque:
+        """Return a torque; in world axes by the attitude that was measured next to the middle of each piece."""
+        from rb_dynamics.numerics.rotation_arrays import rotate_all
+
+        attitude = next(stream for stream in self.flight.streams if stream.kind == ATTITUDE)
+        ends = np.rint(edges * NANOSECONDS).astype(np.int64)
+        near = np.searchsorted(attitude.time_ns, (ends[1:] + ends[:-1]) // 2)
+        world = rotate_all(attitude.values[np.minimum(near, len(attitude.values) - 1)], body)
+        return FittedTorque(self.begin_ns + ends, body, world)
+
+
+def _columns(model: Model, names: Iterable[str]) -> npt.NDArray[np.int64]:
+    """Return where the parameters of some blocks are."""
+    blocks = [model.layout[name].at for name in names]
+    return np.concatenate([np.arange(at.start, at.stop, dtype=np.int64) for at in blocks])
+
+
+def _scaled(covariance: Array) -> bool:
+    """Return whether the size of an inertia, the first of its numbers, is determined."""
+    return bool(covariance[0, 0] < TOLD**2)
+
+
+def _of_moments(model: Model, z: Array, matrix: Array) -> Array:
+    """Return the derivatives (3, 6) of the principal moments of an inertia, ascending, by its size and shape."""
+    size, shape = float(z[model.layout["size"].at][0]), z[model.layout["shape"].at]
+    _, axes = np.linalg.eigh(matrix)
+    six = model.inertia.derivative(size, shape)[1]
+    found: Array = np.array([[axis @ rows_of(column) @ axis for column in six.T] for axis in axes.T])
+    return found
+
+
+def _unseen(model: Model, z: Array, covariance: Array) -> tuple[float, float, float]:
+    """Return the relative error of each principal moment, ascending, that noise may hide."""
+    matrix = model.body(z).inertia
+    moments, axes = np.linalg.eigh(matrix)
+    by = model.inertia.derivative(float(z[model.layout["size"].at][0]), z[model.layout["shape"].at])[1]
+    told, found = np.linalg.inv(covariance), []
+    for moment, axis in zip(moments, axes.T, strict=True):
+        change = [moment * axis[i] * axis[j] for i, j in PLACES]
+        numbers = np.linalg.lstsq(by, np.array(change), rcond=None)[0]
+        effect = float(np.sqrt(numbers @ told @ numbers))
+        found.append(_SURELY / effect if effect > 0.0 else np.inf)
+    return found[0], found[1], found[2]

@@ -1,0 +1,91 @@
+"""What `inspect --scene` says is said by the fit: of poses alone, too, and nothing that sensors may be to blame for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from noisy_recordings import Recording, recording
+
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.track import Track
+from rb_dynamics.analysis.unexplained_wrench import Residual, residual
+from rb_dynamics.report.inspection_text import residual_sentence
+
+
+def judged(track: Track) -> Residual:
+    left = residual(track, 1e-6)
+    assert left is not None
+    return left
+
+
+def track_of(made: Recording, *, without: str = "", moments: float = 1.0) -> Track:
+    topics = {name: topic for name, topic in made.bag.topics.items() if name != without}
+    return read_track(replace(made.bag, topics=topics), made.scene(moments=moments))
+
+
+def with_rates(track: Track, rates: Any) -> Track:
+    assert track.twist is not None
+    return replace(track, twist=replace(track.twist, values=np.hstack([track.twist.values[:, :3], rates])))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_an_inertia_is_judged_by_poses_alone(seed: int) -> None:
+    made = recording(seed)
+    assert judged(track_of(made, without="/b/twist")).explained
+    other = judged(track_of(made, without="/b/twist", moments=1.2))
+    assert not other.explained
+    assert other.explainable
+    assert other.moment_errors is not None
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(other.inertia),
+        sorted(made.body.principal_moments),
+        rtol=0,
+        atol=6.0 * max(other.moment_errors),
+    )
+
+
+def test_an_error_of_two_per_cent_is_found_with_its_standard_error() -> None:
+    made = recording(0)
+    other = judged(track_of(made, moments=1.02))
+    assert other.explainable
+    assert other.moment_errors is not None
+    off = np.linalg.eigvalsh(other.inertia) - sorted(made.body.principal_moments)
+    assert (np.abs(off) < 5.0 * np.array(other.moment_errors)).all()
+    assert "does NOT explain the motion" in (said := residual_sentence(other, 0))
+    assert " ± " in said
+
+
+def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
+    track = track_of(recording(1))
+    assert track.twist is not None
+    left = judged(with_rates(track, track.twist.values[:, 3:] + [2e-3, -1e-3, 1e-3]))
+    assert not left.explained
+    np.testing.assert_allclose(left.bias, [2e-3, -1e-3, 1e-3], atol=2e-4)
+
+
+def test_of_commands_that_are_late_nothing_is_said() -> None:
+    """A torque was said to have acted that nobody commanded."""
+    track = track_of(recording(3))
+    late = tuple(replace(each, time_ns=each.time_ns + 10_000_000) for each in track.wrenches)
+    left = judged(replace(track, wrenches=late))
+    assert not left.told
+    assert "a delay of a sensor or of the commands" in residual_sentence(left, 0)
+
+
+def test_coloured_noise_is_no_torque() -> None:
+    """A torque was said to have acted that nobody commanded."""
+    told = []
+    for seed in range(1, 4):
+        track = track_of(recording(seed))
+        assert track.twist is not None
+        white = np.random.default_rng(seed).standard_normal(track.twist.values[:, 3:].shape)
+        coloured = np.zeros_like(white)
+        for k in range(1, len(white)):
+            coloured[k] = 0.9 * coloured[k - 1] + np.sqrt(1.0 - 0.81) * white[k]
+        left = judged(with_rates(track, track.twist.values[:, 3:] + 2e-3 * coloured))
+        assert left.explained or left.untold
+        told.append(left.untold)
+    assert any("coloured noise" in each for each in told)
