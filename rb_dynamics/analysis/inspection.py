@@ -90,7 +90,8 @@ def _plain(value: Any) -> Any:
         return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, Residual):
         kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "explained", "explainable", "noise")
-        return {name: _plain(getattr(value, name)) for name in (*kept, "unseen", "bias", "moment_errors", "untold")}
+        kept += ("unseen", "bias", "moment_errors", "untold", "fitted_ns")
+        return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, WheelSpeeds):
         kept = ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s")
         return {name: _plain(getattr(value, name)) for name in kept}

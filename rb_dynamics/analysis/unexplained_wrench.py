@@ -84,6 +84,7 @@ class Residual:
         bias: the constant error of the rates that explains the residual, rad/s, body axes; None if none does.
         axis: the only axis about which the body turns, body axes; None if about several.
         recorded: whether the recording has the wrenches that acted.
+        with_rates: whether it has rates; otherwise they are differences of the pose, and the fit alone judges.
         untold: why nothing can be said about the inertia; "" if something can.
         pieces: the unrecorded torque by the fit, where only that tells it from noise.
         fitted_ns: begin and end of the part that was fitted; None if none was.
@@ -108,6 +109,7 @@ class Residual:
     bias: Array | None
     axis: Array | None
     recorded: bool
+    with_rates: bool
     untold: str
     pieces: FittedTorque | None
     fitted_ns: tuple[int, int] | None
@@ -229,6 +231,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         bias=bias,
         axis=_one_axis(moved.omega, stretch),
         recorded=track.acted,
+        with_rates=direct,
         untold=_untold(found, explained, level, confirmed or bias is not None or other is not None),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),

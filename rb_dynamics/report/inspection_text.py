@@ -250,7 +250,8 @@ def histogram(latency: CommandLatency) -> list[str]:
 def residual_sentence(left: Residual, zero_ns: int) -> str:
     """Return how well the given body explains the motion, and what would explain it; times from `zero_ns`."""
     force, torque = left.root_mean_square
-    size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square)."
+    noisy = "" if left.with_rates else ", of differences of the pose: mostly noise"
+    size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square{noisy})."
     if not left.told and not left.explained:
         verdict = f"CANNOT TELL whether the inertia given explains the motion: {left.untold}."
     elif not left.told:
@@ -274,7 +275,18 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     else:
         lacks = "commanded" if left.recorded else "recorded"
         verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, zero_ns)}"
-    return f"{verdict}{_one_axis(left)} {size}{_mass(left)}"
+    return f"{verdict}{_part(left, zero_ns)}{_one_axis(left)} {size}{_mass(left)}"
+
+
+def _part(left: Residual, zero_ns: int) -> str:
+    """Return which part of a long recording was fitted."""
+    if left.fitted_ns is None or not len(left.time_ns):
+        return ""
+    begin, end = left.fitted_ns
+    if end - begin > 0.99 * (left.time_ns[-1] - left.start_ns[0]):
+        return ""
+    rest = "is judged by its momentum alone" if left.with_rates else "is not judged"
+    return f" Fitted: t = {(begin - zero_ns) * 1e-9:.6g} to {(end - zero_ns) * 1e-9:.6g} s; the rest {rest}."
 
 
 def _moments(left: Residual) -> str:

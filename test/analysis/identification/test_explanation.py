@@ -58,6 +58,16 @@ def test_an_error_of_two_per_cent_is_found_with_its_standard_error() -> None:
     assert " ± " in said
 
 
+def test_the_part_that_is_fitted_is_said() -> None:
+    made = recording(2)
+    for without, rest in (("", "is judged by its momentum alone"), ("/b/twist", "is not judged")):
+        left = judged(track_of(made, without=without))
+        assert "Fitted" not in residual_sentence(left, 0)
+        part = replace(left, fitted_ns=(1_000_000_000, 3_000_000_000))
+        assert f" Fitted: t = 0.5 to 2.5 s; the rest {rest}." in (said := residual_sentence(part, 500_000_000))
+        assert ("mostly noise" in said) is bool(without)
+
+
 def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
     track = track_of(recording(1))
     assert track.twist is not None
