@@ -32,14 +32,39 @@ class Normal:
 
     def quantile(self, probability: Numbers) -> Numbers:
         """Return the quantiles; see `Distribution`."""
-        from scipy.special import ndtr, ndtri
+        from scipy.special import ndtri
 
         if self.deviation == 0.0:
             return 0.0 * probability + self.mean
-        below, above = (float(ndtr((edge - self.mean) / self.deviation)) for edge in (self.low, self.high))
+        if self.low > self.mean:
+            return -self._mirrored.quantile(1.0 - probability)
+        below, above = self._chances
         values: Numbers = self.mean + self.deviation * ndtri(below + (above - below) * probability)
         # Rounding may exceed a bound.
         return values.clip(self.low, self.high)
+
+    @property
+    def possible(self) -> bool:
+        """Whether double precision has a chance of a value between the bounds."""
+        if self.deviation == 0.0:
+            return self.low <= self.mean <= self.high
+        if self.low > self.mean:
+            return self._mirrored.possible
+        below, above = self._chances
+        return above > below
+
+    @property
+    def _mirrored(self) -> Normal:
+        """The distribution of the negative: chances above about 8 deviations round to 1, those below do not to 0."""
+        return Normal(-self.mean, self.deviation, -self.high, -self.low)
+
+    @property
+    def _chances(self) -> tuple[float, float]:
+        """The chances of values below both bounds."""
+        from scipy.special import ndtr
+
+        below, above = (float(ndtr((edge - self.mean) / self.deviation)) for edge in (self.low, self.high))
+        return below, above
 
 
 @dataclass(frozen=True)
@@ -96,16 +121,18 @@ class Choice:
 
 @dataclass(frozen=True)
 class Stepped:
-    """Another distribution, rounded to whole multiples of `step`."""
+    """Another distribution, rounded to whole multiples of `step`; of a uniform one all are as likely."""
 
-    distribution: Distribution
+    distribution: Normal | Uniform | LogUniform
     step: float
 
     def quantile(self, probability: Numbers) -> Numbers:
         """Return the quantiles; see `Distribution`."""
         import numpy as np
 
-        rounded: Numbers = np.rint(self.distribution.quantile(probability) / self.step) * self.step
+        found, half = self.distribution, 0.5 * self.step
+        wide = Uniform(found.low - half, found.high + half) if isinstance(found, Uniform) else found
+        rounded: Numbers = np.rint(wide.quantile(probability).clip(found.low, found.high) / self.step) * self.step
         return rounded
 
 

@@ -115,7 +115,10 @@ def _normal(field: Field, value: float) -> Distribution:
     deviation = deviation or relative * abs(mean)
     if not math.isfinite(abs(mean) + _FARTHEST * deviation):
         field.reject("numbers within the range of double precision", "write a smaller mean or deviation")
-    return _stepped(section, Normal(mean, deviation, low, high))
+    distribution = Normal(mean, deviation, low, high)
+    if not distribution.possible:
+        field.reject("low and high between which such values occur", "correct mean, deviation, low or high")
+    return _stepped(section, distribution)
 
 
 def _uniform(field: Field, value: float) -> Distribution:

@@ -72,6 +72,7 @@ def test_overrides(tmp_path: Path) -> None:
         (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
         (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
         (("deviation: 0.2", "deviation: 1e308"), r"normal: .* expected numbers within the range of double precision"),
+        (("deviation: 0.2", "deviation: 0.2, low: 99"), r"normal: .* expected low and high between which such values"),
         (("{low: 1.5, high: 2.5}", "{low: -1e308, high: 1e308}"), r"expected a width within the range of double prec"),
         (("{low: 1.5, high: 2.5}", "{half_width: 1e308, step: 0.1}"), r"whole multiples"),
         (("{low: 0.5, high: 2.0}", "{low: 1e-300, high: 1e300}"), r"expected a ratio of high to low within the range"),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rb_dynamics.numerics.rotation import matrix
-from rb_dynamics.study.campaign.distributions import Choice, LogNormal, LogUniform, Normal, Uniform
+from rb_dynamics.study.campaign.distributions import Choice, LogNormal, LogUniform, Normal, Stepped, Uniform
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import INPUTS, NOISE, generator, inputs
@@ -54,6 +54,27 @@ def test_samples_are_of_their_distributions(tmp_path: Path, sampling: str) -> No
     counts = [np.count_nonzero(columns["control.delay"] == value) for value in (0.0, 0.1, 0.35)]
     assert sum(counts) == RUNS
     assert min(counts) > 0.27 * RUNS
+
+
+@pytest.mark.parametrize(
+    "edges", [(8.5, 10.0), (8.1, 9.0), (8.5, np.inf), (-9.9, -8.5), (20.0, 21.0), (-1.0, 2.0), (0.5, 9.0)]
+)
+def test_a_truncated_normal_distribution_is_right_far_from_its_mean(edges: tuple[float, float]) -> None:
+    """Beyond 8 deviations above the mean, every value was the upper limit."""
+    low, high = (10.0 + 2.0 * edge for edge in edges)
+    probability = (np.arange(999) + 0.5) / 999
+    found = Normal(10.0, 2.0, low, high).quantile(probability)
+    # scipy's is right in the lower tail.
+    mirrored = -stats.truncnorm(-edges[1], -edges[0]).ppf(1.0 - probability)
+    np.testing.assert_allclose(found, 10.0 + 2.0 * mirrored, rtol=1e-7)
+    assert len(np.unique(found)) == 999
+
+
+def test_a_uniform_distribution_in_steps_takes_its_limits_as_often_as_the_rest() -> None:
+    found = Stepped(Uniform(0.05, 0.45), 0.05).quantile((np.arange(900) + 0.5) / 900)
+    values, counts = np.unique(np.rint(found / 0.05), return_counts=True)
+    assert values.tolist() == list(range(1, 10))
+    assert counts.tolist() == [100] * 9
 
 
 def test_a_hypercube_has_one_sample_in_each_layer(tmp_path: Path) -> None:
