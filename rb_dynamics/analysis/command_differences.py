@@ -11,6 +11,7 @@ import numpy as np
 from rb_dynamics.analysis.own_log_consistency import topic_in_log
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
@@ -64,8 +65,10 @@ def command_differences(
     if unknown:
         return None, [f"Commands are not compared: {' and '.join(unknown)} without them."]
     one, other = _channels(a, b), _channels(b, a)
+    devices = [] if a.own == b.own else [each.name for each in _actuators(a if a.own else b)]
+    one, other = ({name: side[name] for name in side if name not in devices} for side in (one, other))
     pairs = [(name, one.get(name), other.get(name)) for name in dict.fromkeys((*one, *other))]
-    told = []
+    told = _not_compared(devices)
     left = [[name for name in names if name not in others] for names, others in ((one, other), (other, one))]
     if all(len(names) == 1 for names in left):
         (mine,), (its,) = left
@@ -109,7 +112,13 @@ def command_differences(
             f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
             "no usable numbers; --scene SCENE says what frames are."
         )
-    return found if found or not (unknown or uncompared) else None, told
+    return found if found or not (unknown or uncompared or devices) else None, told
+
+
+def _not_compared(devices: Sequence[str]) -> list[str]:
+    if not devices:
+        return []
+    return [f"Commands to {', '.join(devices)} are not compared: in the bag of another program they have no stamps."]
 
 
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
@@ -169,9 +178,8 @@ class _Setpoints:
 
 def _setpoints(track: Track, offset_ns: int) -> dict[str, _Setpoints]:
     """Return the commands to each actuator of a log but its thrusters, by its topic in the scene."""
-    scene = logged_scene(track.bag.attachments)
     found = {}
-    for actuator in () if scene is None else scene.actuators:
+    for actuator in _actuators(track):
         if not isinstance(actuator, Thruster):
             topic = track.bag.topics.get(topic_in_log(track, actuator.topic))
             times, values = np.empty(0, np.int64), np.empty(0)
@@ -179,6 +187,12 @@ def _setpoints(track: Track, offset_ns: int) -> dict[str, _Setpoints]:
                 times, values = track.bag.scalars(topic.name)
             found[actuator.topic] = _Setpoints(actuator.unit, times - offset_ns, values)
     return found
+
+
+def _actuators(track: Track) -> tuple[Actuator, ...]:
+    """Return the actuators of the scene of a log."""
+    scene = logged_scene(track.bag.attachments)
+    return () if scene is None else scene.actuators
 
 
 def _sampled(track: Track) -> set[str]:

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal, differences
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, Times, Track
@@ -106,9 +105,21 @@ class Difference:
     def rms(self) -> float:
         """Root of the mean square over time: with even samples, over the samples."""
         largest = self.max
-        return largest and largest * float(
-            np.sqrt(np.average((self.size / largest) ** 2, weights=_stand_for(self.time_ns)))
-        )
+        return largest and largest * float(np.sqrt(np.average((self.size / largest) ** 2, weights=self._stand_for)))
+
+    @property
+    def _stand_for(self) -> Array:
+        """How much time each sample stands for: half of both its intervals, none of which is a gap."""
+        steps = np.diff(self.time_ns).astype(np.float64)
+        for side in self.recorded:
+            for first, last in side.holes():
+                steps[max(int(self.time_ns.searchsorted(first, "right")) - 1, 0) : self.time_ns.searchsorted(last)] = (
+                    np.nan
+                )
+        around = np.ma.masked_invalid([np.append(np.nan, steps), np.append(steps, np.nan)])
+        usual = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 1.0
+        mean: Array = around.mean(axis=0).filled(usual)
+        return mean
 
     def growth(self, span_ns: tuple[int, int]) -> list[float]:
         """Return the largest difference in each of `PARTS` equal parts of the time; NaN if there is no sample."""
@@ -355,16 +366,6 @@ def _take_worst(signal: Signal, times: Times, rows: Array, others: Array) -> Non
             both = np.stack([rows[place], again])
             sizes = np.linalg.norm(differences(both, np.repeat(others[place : place + 1], 2, axis=0)), axis=1)
             rows[place] = both[sizes.argmax()]
-
-
-def _stand_for(times: Times) -> Array:
-    """Return how much time each sample stands for: half of both its intervals, none of which is a gap."""
-    steps = np.diff(times).astype(np.float64)
-    steps[steps > longest_usual(times)] = np.nan
-    around = np.ma.masked_invalid([np.append(np.nan, steps), np.append(steps, np.nan)])
-    usual = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 1.0
-    mean: Array = around.mean(axis=0).filled(usual)
-    return mean
 
 
 def _first(times: Times, marked: NDArray[np.bool_]) -> int | None:

@@ -311,7 +311,9 @@ def _explained(left: Residual | None) -> list[Check]:
     if not left.told:
         return [Check(name, True, f"not judged; {left.untold}", judged=False, share=0.0)]
     if left.explained and left.noise:
-        return [Check(name, True, f"up to its noise, {left.noise:.3g} of the angular momentum in a sample")]
+        part = "" if left.covered > 0.99 else f"; {100.0 * left.covered:.3g} % of the time judged"
+        detail = f"up to its noise, {left.noise:.3g} of the angular momentum in a sample{part}"
+        return [Check(name, True, detail, share=left.covered)]
     unexplained = f"{left.relative:.3g} of the angular momentum has no cause"
     verdict = "" if left.explained or left.explainable else "; no inertia explains it"
     return [Check(name, left.explained, f"{unexplained}; with the best fit {left.best:.3g}{verdict}")]

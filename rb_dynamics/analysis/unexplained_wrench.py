@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.identification.explanation import Explanation, FittedTorque, explain
+from rb_dynamics.analysis.identification.explanation import Explanation, FittedTorque, explain, explain_in_parts
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
@@ -28,8 +28,9 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 _LEAST_INTERVALS = 10
 # An interval counts if the error of its impulse is at most this fraction of the momentum.
 _ROUGH = 1e-4
-# A torque is significant at this multiple of its noise; means are taken over as many samples as that needs.
-_STANDS_OUT = 8.0
+# A torque is significant at this multiple of its typical noise, which is larger where the body turns faster; means are
+# taken over as many samples as that needs.
+_STANDS_OUT = 16.0
 # A body turns about one axis if its rate about others is this fraction of the whole, or this multiple of its noise.
 _ONE_AXIS, _NOISE = 1e-3, 2.0
 # A mass is given if its relative standard deviation is less than this.
@@ -85,6 +86,7 @@ class Residual:
         axis: the only axis about which the body turns, body axes; None if about several.
         recorded: whether the recording has the wrenches that acted.
         with_rates: whether it has rates; otherwise they are differences of the pose, and the fit alone judges.
+        covered: fraction of the time of which it is known that the given inertia explains the motion, if it does.
         untold: why nothing can be said about the inertia; "" if something can.
         pieces: the unrecorded torque by the fit, where only that tells it from noise.
         fitted_ns: begin and end of the part that was fitted; None if none was.
@@ -110,6 +112,7 @@ class Residual:
     axis: Array | None
     recorded: bool
     with_rates: bool
+    covered: float
     untold: str
     pieces: FittedTorque | None
     fitted_ns: tuple[int, int] | None
@@ -193,10 +196,15 @@ def residual(track: Track, bound: float) -> Residual | None:
     accepted = bound + float(turn.error[known].sum()) / scale
     changes = direct and noise.beyond and relative > accepted
     worst = wrench["time_ns"][np.linalg.norm(wrench["torque_world"], axis=1).argmax()] if changes else None
-    found = explain(track, body, moving, None if worst is None else int(worst))
+    found = (
+        explain(track, body, moving, None if worst is None else int(worst))
+        if direct
+        else explain_in_parts(track, body, moving)
+    )
     if found is None and not direct:
         return None
-    explained = (direct and relative <= accepted) or not (changes or (found is not None and not found.explained))
+    # The error of the quadrature may hide what the fit, which has none, rejects.
+    explained = (direct and relative <= bound) or not (changes or (found is not None and not found.explained))
     inertia, other = given, None
     if not explained and found is not None and (other := found.inertia) is not None:
         after = _left(other.matrix, moved, turn, stretch)
@@ -213,7 +221,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
     # A fit of the whole that finds nothing beyond coloured noise confirms no torque.
-    confirmed = changes and (found is None or not found.explained or not _whole(found, track))
+    confirmed = changes and (found is None or not found.explained or _share(found, track) < _WHOLE)
     mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps) if direct else (None, np.inf)
     return Residual(
         **wrench,
@@ -232,6 +240,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         axis=_one_axis(moved.omega, stretch),
         recorded=track.acted,
         with_rates=direct,
+        covered=1.0 if direct or found is None or not explained else _share(found, track),
         untold=_untold(found, explained, level, confirmed or bias is not None or other is not None),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
@@ -244,10 +253,10 @@ def _estimated(track: Track, pose: TimeSeries) -> bool:
     return topic is not None and topic.type_name in IMUS
 
 
-def _whole(found: Explanation, track: Track) -> bool:
-    """Return whether about all of the recording was fitted."""
+def _share(found: Explanation, track: Track) -> float:
+    """Return the fraction of the time of the recording that was fitted."""
     begin, end = track.span_ns
-    return found.end_ns - found.begin_ns >= _WHOLE * (end - begin)
+    return min(1.0, (found.end_ns - found.begin_ns) / max(end - begin, 1))
 
 
 def _untold(found: Explanation | None, explained: bool, noise: float, caused: bool) -> str:

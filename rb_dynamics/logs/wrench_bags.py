@@ -267,6 +267,10 @@ class RecordedWrenches:
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
         self._bags = [self._looked_through(replace(bag, fills=True)) if bag.partly_unset else bag for bag in self._bags]
         self._require_topics()
+        for bag in self._bags:
+            beside = [each for each in self._bags if each.count and _pause_ns(bag, each) < _ONE_CLOCK_NS]
+            if beside and not bag.count:
+                bag.clock_ns = min(beside, key=lambda each: _pause_ns(bag, each)).apart_ns
         self.notes: list[str] = [
             f"{bag.path}: some of its commands have no stamps: each of these acts when it was recorded"
             for bag in self._bags
@@ -495,8 +499,6 @@ class RecordedWrenches:
         """Find time 0 of the run, and search again the bags whose times are not as stamped."""
         for bag in self._bags:
             bag.by_log = bag.ours or bag.unstamped
-            if not bag.count:
-                bag.clock_ns = next((each.apart_ns for each in self._bags if each.count and _at_one_time(each, bag)), 0)
             if bag.unstamped and not bag.ours:
                 self.notes.append(f"{bag.path}: its commands have no stamps, so each acts at its log time")
         moved = self._bags
@@ -643,9 +645,12 @@ def _first_behind(block: MessageBlock, kind: str) -> int | None:
     return int(block.log_times[0]) - stamp_ns if stamp_ns else None
 
 
-def _at_one_time(a: _Recording, b: _Recording) -> bool:
-    """Return whether the log times of two bags are of one clock."""
-    return abs((a.begin_ns or 0) - (b.begin_ns or 0)) < _ONE_CLOCK_NS
+def _pause_ns(bag: _Recording, other: _Recording) -> float:
+    """Return the time between the commands to actuators of a bag and the wrenches of another, by their log times."""
+    mine, its = bag.setpoints, other.log_times
+    if mine.first_ns is None or mine.last_ns is None or its.first_ns is None or its.last_ns is None:
+        return math.inf
+    return max(0, mine.first_ns - its.last_ns, its.first_ns - mine.last_ns)
 
 
 def _least(known: int | None, more: Times) -> int | None:

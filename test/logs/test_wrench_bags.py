@@ -306,6 +306,7 @@ def levels(path: Path, log_ns: Sequence[int]) -> Path:
         ((WALL_NS, WALL_NS), WALL_NS + 5 * SECOND, "bag", 5 * SECOND),
         ((WALL_NS, WALL_NS), WALL_NS + 5 * SECOND, "first", 5 * SECOND),
         ((SECOND, WALL_NS), WALL_NS + 5 * SECOND, "auto", 6 * SECOND),
+        ((SECOND, WALL_NS), WALL_NS + 5 * SECOND, "stamp", 6 * SECOND),
         ((SECOND, WALL_NS), 5 * SECOND, "auto", 5 * SECOND),
     ],
 )
@@ -319,6 +320,23 @@ def test_commands_to_actuators_of_a_bag_of_their_own_are_of_one_time_with_the_ot
         bags.append(write_rows(tmp_path / "wrenches.mcap", [row]))
     found = RecordedWrenches(bags, ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
     assert [point.stamp_ns for _, point in found.setpoints] == [expected]
+
+
+@pytest.mark.parametrize("start", ["auto", "stamp", "first"])
+def test_commands_to_actuators_are_on_the_clock_of_the_bag_that_was_recorded_with_them(
+    tmp_path: Path, start: Start
+) -> None:
+    """Two recordings in the time of one simulation, with a pause between them: those of the second came too late."""
+    pause_ns, bags = 600 * SECOND, []
+    for k, (sim_ns, log_ns) in enumerate([(0, WALL_NS), (20 * SECOND, WALL_NS + 20 * SECOND + pause_ns)]):
+        rows: list[Row] = [
+            ("/wrench", STAMPED, log_ns + at * SECOND, stamped(sim_ns + at * SECOND, 1.0)) for at in range(10)
+        ]
+        bags.append(write_rows(tmp_path / f"wrenches{k}.mcap", rows))
+        bags.append(levels(tmp_path / f"levels{k}.mcap", [log_ns + 2 * SECOND]))
+    for these in (bags, bags[::-1]):
+        found = RecordedWrenches(these, ["wrench"], 1000 * SECOND, start=start, actuators=["w/command"])
+        assert sorted(point.stamp_ns for _, point in found.setpoints) == [2 * SECOND, 22 * SECOND]
 
 
 def test_commands_to_actuators_alone_are_on_the_clock_of_the_motion_beside_them(tmp_path: Path) -> None:

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from noisy_recordings import Recording, recording
 
+from rb_dynamics.analysis.identification import explanation
+from rb_dynamics.analysis.part_of_bag import part_of
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
+from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.report.inspection_text import residual_sentence
 
 
@@ -66,6 +69,40 @@ def test_the_part_that_is_fitted_is_said() -> None:
         part = replace(left, fitted_ns=(1_000_000_000, 3_000_000_000))
         assert f" Fitted: t = 0.5 to 2.5 s; the rest {rest}." in (said := residual_sentence(part, 500_000_000))
         assert ("mostly noise" in said) is bool(without)
+
+
+def test_a_torque_outside_of_the_middle_of_poses_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the middle of a long recording was fitted, and the inertia was said to explain all of it."""
+    for uncommanded in (0.0, 0.05):
+        made = recording(2, uncommanded)
+        whole = track_of(made, without="/b/twist")
+        # The torque acts in the first two fifths of what is left.
+        late = read_track(part_of(whole, (3.2, None)), made.scene())
+        monkeypatch.setattr(explanation, "_TURN", 0.3 * turned_in(late))
+        left = judged(late)
+        assert (left.explained and left.told) is not bool(uncommanded)
+        if not uncommanded:
+            assert left.covered > 0.95
+
+
+def test_what_the_fit_rejects_is_not_hidden_by_the_error_of_the_quadrature() -> None:
+    """With commands at a tenth of the samples, an error of 2 % was called an explanation."""
+    for moments in (1.0, 1.02):
+        track = track_of(recording(3), moments=moments)
+        assert track.pose is not None
+        assert track.twist is not None
+        pose, twist = (
+            replace(each, time_ns=each.time_ns[::10], values=each.values[::10]) for each in (track.pose, track.twist)
+        )
+        assert judged(replace(track, pose=pose, twist=twist)).explained is (moments == 1.0)
+
+
+def turned_in(track: Track) -> float:
+    assert track.pose is not None
+    rates = rates_of(track.pose)
+    assert rates is not None
+    begin, end = track.span_ns
+    return float(np.median(np.linalg.norm(rates.twist.values[:, 3:], axis=1))) * (end - begin) * 1e-9
 
 
 def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
