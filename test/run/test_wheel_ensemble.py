@@ -83,6 +83,22 @@ def alone(scene: Scene, at_ns: list[int], commands: list[list[float]]) -> list[t
     return found
 
 
+def together_as_alone(scenes: list[Scene], times: list[int], given: list[list[list[float]]]) -> WheelEnsemble:
+    """Return bodies that went side by side, after a check that each has the bits of itself alone."""
+    import numpy as np
+
+    bodies, rows = WheelEnsemble(scenes, 1), []
+    for time_ns, values in zip(times, given, strict=True):
+        bodies.advance_to(time_ns)
+        rows.append(bodies.phases.tolist())
+        bodies.command(np.array(values))
+    assert not bodies.left_behind.any()
+    for i, scene in enumerate(scenes):
+        expected = alone(scene, times, [values[i] for values in given])
+        assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+    return bodies
+
+
 def numbers(phase: PhaseState) -> tuple[float, ...]:
     high, low = phase.high, phase.low
     body = phase_numbers(phase._replace(high=high[:SUMS], low=low[:SUMS]))
@@ -93,8 +109,6 @@ def numbers(phase: PhaseState) -> tuple[float, ...]:
 @pytest.mark.parametrize("name", SOLVERS)
 def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch, name: str, commands: str) -> None:
     """With wheels at rest, at their limits and in between, commands that come to some at odd times, and no effects."""
-    import numpy as np
-
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = [satellite(number, SOLVERS[name], commands) for number in range(6)]
     if name == "auto with a step":
@@ -105,17 +119,7 @@ def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch,
         [[draw.uniform(-size, size) if draw.random() < 0.5 else math.nan for _ in range(3)] for _ in scenes]
         for _ in times
     ]
-    bodies, rows = WheelEnsemble(scenes, 1), []
-    for time_ns, values in zip(times, given, strict=True):
-        bodies.advance_to(time_ns)
-        rows.append(bodies.phases.tolist())
-        bodies.command(np.array(values))
-
-    assert not bodies.left_behind.any()
-    assert bodies.clipped.sum() > 0.0
-    for i, scene in enumerate(scenes):
-        expected = alone(scene, times, [values[i] for values in given])
-        assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+    assert together_as_alone(scenes, times, given).clipped.sum() > 0.0
 
 
 @pytest.mark.parametrize("count", [2, 3, 4])
@@ -124,8 +128,6 @@ def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
     monkeypatch: pytest.MonkeyPatch, count: int, acting: bool
 ) -> None:
     """Those that try the same stride do so side by side; wheels that come to rest or to their limits interrupt it."""
-    import numpy as np
-
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     draw, scenes = random.Random(count), []
     for number in range(LANES + 3):
@@ -135,16 +137,7 @@ def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
         scenes.append(replace(scene, actuators=wheels, effects=scene.effects if acting else (), duration=10.0))
     times = [250_000_000 * k for k in range(41)]
     given = [[[draw.uniform(-3e-3, 3e-3) for _ in range(count)] for _ in scenes] for _ in times]
-    bodies, rows = WheelEnsemble(scenes, 1), []
-    for time_ns, values in zip(times, given, strict=True):
-        bodies.advance_to(time_ns)
-        rows.append(bodies.phases.tolist())
-        bodies.command(np.array(values))
-
-    assert not bodies.left_behind.any()
-    for i, scene in enumerate(scenes):
-        expected = alone(scene, times, [values[i] for values in given])
-        assert [row[i] for row in rows] == [list(row) for row in expected], f"body {i}"
+    together_as_alone(scenes, times, given)
 
 
 def test_under_regular_commands_a_period_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:

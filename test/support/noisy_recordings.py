@@ -131,6 +131,23 @@ def pushed(seed: int) -> Recording:
     return Recording(Bag(Path("pushed.mcap"), True, {topic.name: topic for topic in topics}, {}, {}), body, {})
 
 
+def spun_up(torque_world: tuple[float, float, float]) -> Recording:
+    """Return a recording of a body that an unrecorded torque turns ever faster, so that attitude noise counts more."""
+    random, times, body = np.random.default_rng(5), np.arange(7200) * 12_500_000, _body(np.random.default_rng(5))
+    slow = State(angular_velocity_body=(0.1, 0.2, 0.3))
+    torque = max(body.principal_moments) * np.array(torque_world)
+    flown = driven_motion(body, slow, times, method="rkmk4", step=0.01, torque_world=np.tile(torque, (len(times), 1)))
+    attitude = np.asarray(flown.orientation_xyzw) + np.pad(1.5e-3 * random.standard_normal((7200, 3)), ((0, 0), (0, 1)))
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    velocity = rotate_all_inverse(np.asarray(flown.orientation_xyzw), np.asarray(flown.linear_velocity_world))
+    rates = np.asarray(flown.angular_velocity_body) + 1e-3 * random.standard_normal((7200, 3))
+    topics = [
+        _topic("/pose", POSE, times, "world", np.hstack([np.asarray(flown.position_world), attitude])),
+        _topic("/twist", TWIST, times, "base", np.hstack([velocity, rates])),
+    ]
+    return Recording(Bag(Path("spun.mcap"), True, {topic.name: topic for topic in topics}, {}, {}), body, {})
+
+
 def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:
     topic = Topic(name, type_name)
     for stamp, row in zip(times.tolist(), rows.tolist(), strict=True):

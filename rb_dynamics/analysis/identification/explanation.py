@@ -24,7 +24,7 @@ from rb_dynamics.analysis.identification.missing_parameters import TOLD
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
@@ -210,7 +210,7 @@ def _streams(track: Track) -> list[Stream]:
     found = []
     if track.pose is not None:
         found.append(Stream(track.pose.topic, ATTITUDE, track.pose.time_ns, track.pose.values[:, 3:]))
-    if track.twist is not None and track.twist.values[:, 3:].any():
+    if track.twist is not None and any(rows[:, 3:].any() for rows in in_blocks(track.twist.values)):
         rates, topic = track.twist.values[:, 3:], track.bag.topics.get(track.twist.topic)
         gyro = topic is not None and topic.type_name in IMUS
         found.append(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noisy_recordings import Recording, recording
+from noisy_recordings import Recording, recording, spun_up
 
 from rb_dynamics.analysis.identification import explanation
 from rb_dynamics.analysis.part_of_bag import part_of
@@ -95,6 +95,16 @@ def test_what_the_fit_rejects_is_not_hidden_by_the_error_of_the_quadrature() -> 
             replace(each, time_ns=each.time_ns[::10], values=each.values[::10]) for each in (track.pose, track.twist)
         )
         assert judged(replace(track, pose=pose, twist=twist)).explained is (moments == 1.0)
+
+
+def test_an_unrecorded_torque_stands_out_of_noise_that_grows_with_the_rate() -> None:
+    """The noise at the end was told as a torque of 0.04 s, 32 times as large."""
+    made = spun_up((0.02, -0.1, -0.13))
+    left = judged(read_track(made.bag, made.scene()))
+    assert not left.explained
+    found, torque = left.strongest, max(made.body.principal_moments) * np.array([0.02, -0.1, -0.13])
+    np.testing.assert_allclose(found.torque_world, torque, rtol=0, atol=0.05 * float(np.linalg.norm(torque)))
+    assert found.end_ns - found.start_ns > 60e9
 
 
 def turned_in(track: Track) -> float:
