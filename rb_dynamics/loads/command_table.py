@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
@@ -135,19 +136,20 @@ class _Listed(NamedTuple):
         return self.wrenches[row].message
 
 
-def listed(commands: Sequence[tuple[int, Wrench, int]]) -> CommandBatch:
-    """Return commands (number of the channel, command, time in ns) in the order in which they arrived."""
+def listed(channels: Sequence[int], wrenches: Sequence[Wrench], times_ns: Sequence[int]) -> CommandBatch:
+    """Return commands (numbers of their channels, wrenches, times of effect) in the order in which they arrived."""
     import numpy as np
 
-    wrenches, rows = [wrench for _, wrench, _ in commands], np.arange(len(commands))
-    names = sorted({wrench.frame_id for wrench in wrenches})
+    rows, names = np.arange(len(wrenches)), sorted({wrench.frame_id for wrench in wrenches})
+    numbers = {name: number for number, name in enumerate(names)}
+    components = chain.from_iterable(n for wrench in wrenches for n in (wrench.force, wrench.torque))
     return CommandBatch(
-        np.array([time_ns for *_, time_ns in commands], dtype=np.int64),
+        np.array(times_ns, dtype=np.int64),
         np.array([wrench.stamp_ns for wrench in wrenches], dtype=np.int64),
-        np.array([channel for channel, *_ in commands], dtype=np.int64),
+        np.array(channels, dtype=np.int64),
         np.column_stack([0 * rows, 0 * rows, rows]),
-        np.array([(*wrench.force, *wrench.torque) for wrench in wrenches], dtype=np.float64).reshape(-1, 6),
-        np.array([names.index(wrench.frame_id) for wrench in wrenches], dtype=np.int64),
+        np.fromiter(components, dtype=np.float64, count=6 * len(wrenches)).reshape(-1, 6),
+        np.array([numbers[wrench.frame_id] for wrench in wrenches], dtype=np.int64),
         names,
         Received((_Listed(wrenches),), np.zeros_like(rows), rows),
     )

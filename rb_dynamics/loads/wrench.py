@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 from rb_dynamics.body.moments_about_points import moment_of_force
@@ -293,3 +294,23 @@ def with_floats(wrench: Wrench) -> Wrench:
         force=vector(force, "wrench force", "three components (N)", WrenchError),
         torque=vector(torque, "wrench torque", "three components (N m)", WrenchError),
     )
+
+
+def all_with_floats(wrenches: Sequence[Wrench]) -> Sequence[Wrench]:
+    """Return `wrenches` as `with_floats` does, but those with a component that is not finite unchanged.
+
+    Raises:
+        TypeError: a force or a torque is not three numbers.
+    """
+    components = chain.from_iterable(n for wrench in wrenches for n in (wrench.force, wrench.torque))
+    # Fast, because a run may have a million commands, most of them of plain floats.
+    if {*map(type, components)} == {float}:
+        return wrenches
+    return [*map(_with_floats_if_finite, wrenches)]
+
+
+def _with_floats_if_finite(wrench: Wrench) -> Wrench:
+    try:
+        return with_floats(wrench)
+    except WrenchError:
+        return wrench

@@ -11,7 +11,7 @@ import logging
 import math
 import os
 import time
-from bisect import insort
+from bisect import bisect_right, insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of, with_floats
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
 from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
@@ -464,20 +464,29 @@ class Simulation:
 
         The commands are in order of their stamps, none earlier than one posted before.
         """
+        numbers = {topic: self._channels.number(topic) for topic in {topic for topic, _ in commands}}
+        times_ns = [wrench.stamp_ns for _, wrench in commands]
         end_ns = math.inf if self.end_ns is None else self.end_ns
+        first, last = bisect_right(times_ns, self._computed_ns), bisect_right(times_ns, end_ns)
+        if len(commands) < FEWEST:
+            first = last = len(commands)
+        known = [(numbers[topic], wrench) for topic, wrench in commands[first:last] if numbers[topic] is not None]
+        others = [each for each in commands[first:last] if numbers[each[0]] is None]
+        rejected = self._post_each((*commands[:first], *others))
+        if known:
+            channels, wrenches = zip(*known, strict=True)
+            stamps_ns = [wrench.stamp_ns for wrench in wrenches]
+            rejected += self.post_batch(listed(channels, all_with_floats(wrenches), stamps_ns))
+        return rejected + self._post_each(commands[last:])
+
+    def _post_each(self, commands: Iterable[tuple[str, Wrench]]) -> list[str]:
         rejected = []
-        regular: list[tuple[int, Wrench, int]] = []
         for topic, wrench in commands:
-            in_time = self._computed_ns < wrench.stamp_ns <= end_ns and len(commands) >= FEWEST
-            number = self._channels.number(topic) if in_time else None
-            if number is not None:
-                regular.append((number, _with_floats_if_finite(wrench), wrench.stamp_ns))
-                continue
             try:
                 self.post(topic, wrench, wrench.stamp_ns)
             except WrenchError as error:
                 rejected.append(_rejection(topic, wrench.stamp_ns, error))
-        return rejected + (self.post_batch(listed(regular)) if regular else [])
+        return rejected
 
     def hasten(self, by_ns: int) -> list[str]:
         """Let pending commands that have a stamp act this much sooner; return the channels of those that never will.
@@ -1034,7 +1043,8 @@ def as_command(command: object) -> Command:
     if isinstance(command, (tuple, list)) and len(command) == 2:
         topic, wrench = command
         if isinstance(topic, str) and isinstance(wrench, (Wrench, Setpoint)):
-            whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
+            if type(wrench.stamp_ns) is not int:
+                whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
             return topic, wrench
     raise TypeError(
         f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
@@ -1053,19 +1063,15 @@ def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
     return rejected
 
 
-def _with_floats_if_finite(wrench: Wrench) -> Wrench:
-    try:
-        return with_floats(wrench)
-    except WrenchError:
-        return wrench
-
-
 def _rejection(topic: str, time_ns: int, error: WrenchError) -> str:
     return f"{topic} at simulation time {time_ns / NANOSECONDS:.9f} s: {error}"
 
 
 LOOK_AHEAD = 1000
 """Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
+
+# Commands of a sequence that are posted together.
+_AT_ONCE = 16_000
 
 
 def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str]) -> Iterator[int]:
@@ -1074,14 +1080,19 @@ def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str
         yield from _post_batches(run, cast("Batches", commands), rejected)
         return
     if isinstance(commands, Sequence):
-        commands = sorted(map(as_command, commands), key=_stamp_ns)
-    elif not isinstance(commands, Iterable):
+        ordered = sorted(map(as_command, commands), key=_stamp_ns)
+        for first in range(0, len(ordered), _AT_ONCE):
+            if first > 0 and (known_ns := _stamp_ns(ordered[first]) - 1) > 0 and not run.ended:
+                yield known_ns
+            rejected += _post(run, ordered[first : first + _AT_ONCE])
+        if run.end_ns is not None:
+            yield run.end_ns
+        return
+    if not isinstance(commands, Iterable):
         raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
-    else:
-        commands = map(as_command, commands)
     known_ns, newest_ns = -1, 0
     waiting: list[Command] = []
-    for topic, command in commands:
+    for topic, command in map(as_command, commands):
         stamp_ns = command.stamp_ns
         if stamp_ns > newest_ns:
             if len(waiting) >= LOOK_AHEAD and not run.ended:

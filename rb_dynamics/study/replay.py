@@ -212,7 +212,8 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
     if commands := [each for each in facts.commands if each[2] not in moments]:
         numbers = {channel.topic: number for number, channel in enumerate(facts.scene.channels)}
         # A rejected command is rejected again.
-        run.post_batch(CommandBatch.of([listed([(numbers[topic], wrench, at) for topic, wrench, at in commands])]))
+        topics, wrenches, times_ns = zip(*commands, strict=True)
+        run.post_batch(CommandBatch.of([listed([numbers[topic] for topic in topics], wrenches, times_ns)]))
     for topic, value, time_ns in facts.setpoints:
         if time_ns not in moments:
             _actuate(run, topic, value, time_ns)

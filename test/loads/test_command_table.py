@@ -32,7 +32,8 @@ _commands = st.lists(
 
 
 def _batch(commands: Sequence[tuple[int, int, tuple[float, ...], str]]) -> CommandBatch:
-    return listed([(channel, Wrench(n[:3], n[3:], frame, time), time) for time, channel, n, frame in commands])  # type: ignore[arg-type]
+    wrenches = [Wrench(n[:3], n[3:], frame, time) for time, _, n, frame in commands]  # type: ignore[arg-type]
+    return listed([channel for _, channel, *_ in commands], wrenches, [time for time, *_ in commands])
 
 
 def _changes(channels: WrenchChannels, until_ns: int) -> list[tuple[int, object]]:

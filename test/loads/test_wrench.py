@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames, all_with_floats, with_floats
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, Vector, norm
 
@@ -157,6 +157,17 @@ class TestLeverArm:
         ]
         assert math.dist(held.force_body, force) <= 1e-12
         assert math.dist(held.torque_body, moment) <= 1e-11
+
+
+def test_wrenches_become_floats_together_as_each_alone() -> None:
+    odd = [Wrench((1, 2, 3)), Wrench((np.float32(0.25), 0.5, 3)), Wrench(torque=(0.0, math.inf, 0.0))]
+    plain = [Wrench((1.0, 2.0, 3.0)), Wrench(torque=(0.0, math.nan, 0.0))]
+
+    found = all_with_floats([*odd, *plain])
+
+    assert found == [*map(with_floats, odd[:2]), odd[2], *plain]
+    assert {type(n) for wrench in found for n in (*wrench.force, *wrench.torque)} == {float}
+    assert all_with_floats(plain) is plain
 
 
 def test_held_wrenches_add_by_part() -> None:

@@ -247,7 +247,8 @@ class TestCommands:
     def test_may_come_as_an_iterator_in_order_or_as_a_sequence_in_any(
         self, ahead: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "LOOK_AHEAD", ahead)
+        for name in ("LOOK_AHEAD", "_AT_ONCE"):
+            monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], name, ahead)
         unknown = ("body", Wrench(frame_id="nowhere", stamp_ns=123_456_789))
         late = ("world", Wrench(frame_id="nowhere", stamp_ns=END + 1))
         told = []
