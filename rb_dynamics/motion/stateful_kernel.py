@@ -46,7 +46,7 @@ STAGE = OTHER + PHASE
 ROWS = STAGE + 1
 MOST_STAGES = 12
 WHEELS = ROWS + MOST_STAGES * (MOST_STAGES + 3)
-_OF_EACH_STATE = 4 + MOST_STAGES
+OF_EACH_STATE = 4 + MOST_STAGES
 _RESULT, _FIFTH, _THIRD = MOST_STAGES, MOST_STAGES + 1, MOST_STAGES + 2
 _SIGNATURE = "void(float64[::1], float64)"
 _PHASE = Struct(f"{PHASE}d")
@@ -226,7 +226,7 @@ class StatefulSteps:
         self._kernels = kernels
         count = states_of(wheels, 0)
         before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))
-        behind = (*wheels, *(0.0,) * (_OF_EACH_STATE * count), *effects)
+        behind = (*wheels, *(0.0,) * (OF_EACH_STATE * count), *effects)
         self.numbers = _packed(before) + kernels.weights + _packed(behind)
         self._sums = Struct(f"{2 * count}d"), 8 * (WHEELS + len(wheels))
 

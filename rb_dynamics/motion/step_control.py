@@ -400,20 +400,17 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
         kept, other = _attempt(trials, phase, h)
-        attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h, 0.0)
+        attitude, position, farthest, noise = estimate(goal, learnt.farthest, phase, kept, other, h, 0.0)
         allowed = goal.share * goal.accuracy * h / goal.horizon
         if position > allowed:
             strength = _strength(trials, phase)
-            attitude, position, farthest, noise = _estimate(goal, learnt.farthest, phase, kept, other, h, strength)
+            attitude, position, farthest, noise = estimate(goal, learnt.farthest, phase, kept, other, h, strength)
         if attitude <= noise and noise > allowed:
             if learnt.until <= elapsed(phase):
                 learnt = taught(goal, learnt, phase, trials, h, noise)
             attitude = learnt.resolved_error * (h / learnt.resolved_stride) ** (goal.order + 1.0)
         error = max(attitude, position)
-        following = 5.0 * h
-        if error > 0.0:
-            factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
-            following = h * min(5.0, max(0.2, factor))
+        following = following_step(goal, allowed, error, h)
         if error <= allowed:
             return Stride(
                 length,
@@ -425,6 +422,15 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
             return Stride(0, phase, learnt, error)
         # Some nanoseconds less may round to the same length.
         h = min(following, (length - 1) / NANOSECONDS)
+
+
+def following_step(goal: Goal, allowed: float, error: float, h: float) -> float:
+    """Return the length (s) of the stride to try after one of h s with this error."""
+    following = 5.0 * h
+    if error > 0.0:
+        factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
+        following = h * min(5.0, max(0.2, factor))
+    return following
 
 
 def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float, noise: float) -> Learnt:
@@ -442,7 +448,7 @@ def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float,
     found = False
     while trial <= goal.horizon:
         kept, other = _attempt(trials, phase, trial)
-        attitude, _, _, hidden = _estimate(goal, learnt.farthest, phase, kept, other, trial, 0.0)
+        attitude, _, _, hidden = estimate(goal, learnt.farthest, phase, kept, other, trial, 0.0)
         if not found and trial > 2.0 * h and not math.isfinite(attitude):
             trial = max(2.0 * h, 0.5 * trial)
             continue
@@ -510,7 +516,7 @@ def first_guess(goal: Goal, phase: PhaseState) -> float:
     return min(0.01 * goal.horizon, 0.1 / rate if rate > 0.0 else math.inf)
 
 
-def _estimate(
+def estimate(
     goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float, strength: float
 ) -> tuple[float, float, float, float]:
     """Return the errors that the stride of h s from `phase` to `kept` adds, and the largest distance.

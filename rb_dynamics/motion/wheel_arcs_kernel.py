@@ -31,9 +31,9 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, total
-from rb_dynamics.motion.stateful_kernel import OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
+from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
 from rb_dynamics.motion.steady_load import steady_time
-from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, first_guess, rounding
+from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, estimate, first_guess, following_step, rounding
 from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -49,8 +49,11 @@ if TYPE_CHECKING:
 
     from rb_dynamics.numerics.array_types import Numbers
 
+    Lanes = npt.NDArray[np.float64]
     Whole = npt.NDArray[np.int64]
     Take = Callable[[Numbers, float], None]
+    # Room, see `_alone`, and the kernels of a step and of an embedded pair.
+    _Trials = tuple[Numbers, Take, Take]
 
 # Numbers of the arc of a body: goal, what is learnt and what will be after the next stride; length (s) of a stride from
 # the grid point whose results are there already, as after the next stride (0 for none); then three phases with
@@ -67,9 +70,9 @@ GRID_POINT = TRIED + 1
 # end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times between which
 # it is, as far as it has been looked for (-1 for none), and whether a wheel may switch in it at all; the last time;
 # whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and of the next one if
-# the last two were equally long (0 if not).
+# the last two were equally long (0 if not); and whether its present step is taken side by side.
 START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH, CHOOSE_AFTER, ARCS, COUNTED = range(9)
-SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, WHOLE = range(9, 20)
+SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, BESIDE, WHOLE = range(9, 21)
 
 # Bodies for which going side by side pays.
 _FEWEST = 2
@@ -81,8 +84,8 @@ def size_of(states: int) -> int:
 
 
 def advance_all(
-    rows: Numbers,
-    arcs: Numbers,
+    rows: Lanes,
+    arcs: Lanes,
     whole: Whole,
     commands: Numbers,
     until_ns: int,
@@ -92,44 +95,52 @@ def advance_all(
     pair: Take,
     pairs: Any,
     together: int,
-    which: Whole,
+    spare: Numbers,
+    results: Lanes,
 ) -> None:
     """Give the bodies from `first` up to `last` their commands, now, and let them go to a time.
 
+    Body i is lane i % `LANES` of group i // `LANES`.
+
     Args:
-        rows: (N, ...), of each body the numbers of `stateful_kernel.py`.
-        arcs: (N, ...), see above.
+        rows: (groups, ..., `LANES`), of each body the numbers of `stateful_kernel.py`, without weights and rates.
+        arcs: (groups, ..., `LANES`), of each body the numbers above.
         whole: (N, `WHOLE`), likewise.
         commands: (N, wheels), NaN for none.
         until_ns: the time.
-        first: body.
+        first: body, of lane 0.
         last: behind the last body.
         step: kernel of a step with wheels.
         pair: kernel of an embedded pair with wheels; any other where steps are fixed.
         pairs: kernel of that pair for several bodies; any other if there is none.
         together: whether there is one (0 or 1).
-        which: (N,), room.
+        spare: (groups, ...), the numbers of one body, with the weights of the tableau: room for `step` and `pair`.
+        results: (groups, ..., `LANES`), room for those of `pairs`.
     """
     for start in range(first, last, LANES):
-        end, count = min(last, start + LANES), 0
+        g, end, count, expected = start // LANES, min(last, start + LANES), 0, 0
+        trials = spare[g], step, pair
         for i in range(start, end):
-            if whole[i, LEFT_BEHIND] == 0 and not _begin(rows[i], arcs[i], whole[i], commands[i], pair):
-                whole[i, LEFT_BEHIND] = 1
-            same = count == 0 or whole[i, EXPECTED] == whole[which[start], EXPECTED]
-            if together != 0 and same and _tries_expected(rows[i], arcs[i], whole[i]):
-                which[start + count] = i
-                count += 1
+            c, f, w = rows[g, :, i - start], arcs[g, :, i - start], whole[i]
+            if w[LEFT_BEHIND] == 0 and not _begin(c, f, w, commands[i], trials):
+                w[LEFT_BEHIND] = 1
+            w[BESIDE] = 0
+            if together != 0 and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
+                w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
+        h = expected / NANOSECONDS
         if count >= _FEWEST:
-            h, after = whole[which[start], EXPECTED] / NANOSECONDS, GRID_POINT + _size(rows[start])
-            pairs(rows, arcs, which[start:end], count, GRID_POINT, after, h)
-            for k in range(count):
-                arcs[which[start + k], TRIED] = h
+            pairs(rows[g], arcs[g], spare[g], results[g], GRID_POINT, h)
         for i in range(start, end):
-            if whole[i, LEFT_BEHIND] == 0 and not _advance(rows[i], arcs[i], whole[i], until_ns, step, pair):
-                whole[i, LEFT_BEHIND] = 1
+            c, f, w, r = rows[g, :, i - start], arcs[g, :, i - start], whole[i], results[g, :, i - start]
+            if w[BESIDE] != 0 and count >= _FEWEST:
+                if _is_whole_way(c, f, w, r, until_ns, h):
+                    continue
+                _keep_tried(c, f, r, h)
+            if w[LEFT_BEHIND] == 0 and not _advance(c, f, w, until_ns, trials):
+                w[LEFT_BEHIND] = 1
 
 
-def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, pair: Take) -> bool:
+def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, trials: _Trials) -> bool:
     """Give a body its commands, which begin an arc; return whether a stride can be chosen."""
     begins = w[BEGUN] == 0
     w[BEGUN] = 1
@@ -140,7 +151,7 @@ def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, pair: Take) -> b
         if not math.isnan(commands[k]):
             command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
             begins = True
-    return not begins or _begin_arc(c, f, w, pair)
+    return not begins or _begin_arc(c, f, w, trials)
 
 
 def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
@@ -150,14 +161,68 @@ def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
     return f[LEARNT] == w[EXPECTED] / NANOSECONDS and is_attraction_or_none(c)
 
 
-def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
+def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h: float) -> bool:
+    """Stand at a time where the step of h s leads that was taken side by side, if that is all that happens until then.
+
+    Return whether it is: the step is accepted, and no wheel switches. If not, only where the body stands has changed.
+    """
+    if w[START] + w[EXPECTED] != until_ns or w[CHOOSE_AFTER] == 1 or round(h * NANOSECONDS) != w[EXPECTED]:
+        return False
+    phase, after, other = phase_at(f, GRID_POINT), phase_at(r, 0), phase_at(r, _size(c))
+    goal, sight = _goal_and_sight(c, f, phase)
+    attitude, position, farthest, noise = estimate(goal, f[LEARNT + 1], phase, after, other, h, 0.0)
+    allowed, error = goal.share * goal.accuracy * h / goal.horizon, max(attitude, position)
+    if not (sight >= h and error <= allowed and noise <= allowed):
+        return False
+    following = following_step(goal, allowed, error, h)
+    if rounding(goal, phase, max(float(w[EXPECTED]), following * NANOSECONDS)) > goal.accuracy:
+        return False
+    _stand(c, r, 0)
+    if _switching(c) or not _all_finite(c):
+        return False
+    _keep(c, f, GRID_POINT)
+    _keep(c, f, _here(c))
+    f[LEARNT], f[LEARNT + 1] = following, farthest
+    w[REACHED], w[STRIDES], w[TIME], w[SEARCHED], w[UNLIKE] = w[EXPECTED], 1, until_ns, until_ns, 0
+    move_on(c, WHEELS)
+    return True
+
+
+def _keep_tried(c: Numbers, f: Numbers, r: Numbers, h: float) -> None:
+    """Keep the results of a step that was taken side by side, for when it is chosen."""
+    size = _size(c)
+    for k in range(size):
+        f[GRID_POINT + size + k] = r[k]
+    for k in range(PHASE):
+        c[OTHER + k] = r[size + k]
+    f[TRIED] = h
+
+
+@compiled_apart
+def _alone(c: Numbers, row: Numbers, take: Take, h: float) -> None:
+    """Take a step, or a pair, of one body; `row` has the weights of the tableau, and room for the numbers in `c`."""
+    m, sums, states = layout(c)
+    for k in range(STAGE):
+        row[k] = c[k]
+    for k in range(WHEELS, states + m):
+        row[k] = c[k]
+    for k in range(sums + OF_EACH_STATE * m, len(c)):
+        row[k] = c[k]
+    take(row, h)
+    for k in range(CONSTANTS, STAGE):
+        c[k] = row[k]
+    for k in range(sums, states + m):
+        c[k] = row[k]
+
+
+def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -> bool:
     """Let a body go to a time, where it then stands; return whether it can."""
     good = True
     while good:
-        good = _search(c, f, w, until_ns, step, pair)
+        good = _search(c, f, w, until_ns, trials)
         switch = 0 <= w[SWITCH] <= until_ns
         time_ns = w[SWITCH] if switch else until_ns
-        good = good and _reach(c, f, w, time_ns, step, pair) and _all_finite(c)
+        good = good and _reach(c, f, w, time_ns, trials) and _all_finite(c)
         if time_ns > w[TIME]:
             move_on(c, WHEELS)
         w[TIME] = time_ns
@@ -165,14 +230,15 @@ def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: 
             break
         if good:
             _switch(c)
-            good = _begin_arc(c, f, w, pair)
+            good = _begin_arc(c, f, w, trials)
     return good
 
 
 @compiled_apart
-def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+def _begin_arc(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Begin an arc at the last time, where the body stands; return whether a stride can be chosen."""
-    _copy(f, _here(c), GRID_POINT, _size(c))
+    if w[STRIDES] == 0 or w[TIME] != w[START] + w[REACHED]:
+        _copy(f, _here(c), GRID_POINT, _size(c))
     if w[TIME] > w[START]:
         length = w[TIME] - w[START]
         w[EXPECTED] = length if length == w[LAST] else 0
@@ -185,7 +251,7 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
     if w[START] > w[COUNTED]:
         w[COUNTED] = w[START]
         w[ARCS] += 1
-    if w[CHOOSE_AFTER] > 0 and w[ARCS] & (w[ARCS] - 1) == 0 and not _learn(c, f, w, pair):
+    if w[CHOOSE_AFTER] > 0 and w[ARCS] & (w[ARCS] - 1) == 0 and not _learn(c, f, w, trials):
         return False
     # As `AccuracyControl.start` does.
     f[LEARNT + 4] = 0.0
@@ -195,7 +261,7 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
 
 
 @compiled_apart
-def _learn(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+def _learn(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Learn the longest stride from the grid point on, as `auto` does; return whether there is one."""
     if w[LENGTH] > 0:
         return True
@@ -203,7 +269,7 @@ def _learn(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
         f[k] = 0.0
     longest = 0.0
     for _ in range(TRIALS):
-        if not _choose(c, f, w, pair):
+        if not _choose(c, f, w, trials):
             return False
         stride = w[STRIDE] / NANOSECONDS
         _copy(f, FOLLOWING, LEARNT, 5)
@@ -215,23 +281,20 @@ def _learn(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
 
 
 @compiled_apart
-def _choose(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
+def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Choose the next stride; return whether there is one."""
     if w[LENGTH] > 0:
         w[STRIDE], w[KNOWN] = w[LENGTH], 0
         return True
     _stand(c, f, GRID_POINT)
     (inertia, held), phase = constants_at(c), phase_at(c, CONSTANTS)
-    slowing, sight = load_scales(c, _point(c, phase))
-    share, x, y, z = f[GOAL + 6], f[GOAL + 7], f[GOAL + 8], f[GOAL + 9]
-    ends, order, errors = f[GOAL + 2] != 0.0, f[GOAL + 4], f[GOAL + 5]
-    goal = Goal(f[GOAL], f[GOAL + 1], ends, f[GOAL + 3], order, errors, share, x, y, z, slowing, f[GOAL + 11])
+    goal, sight = _goal_and_sight(c, f, phase)
     guess, k = f[LEARNT], LEARNT
     if guess == 0.0:
         load = CompiledWheelLoad(c, 0.0, elapsed(phase), total(phase, POSITION), inertia.moments, held)
         guess = _steady(load, inertia, held, phase, first_guess(goal, phase))
     learnt = Learnt(min(guess, max(sight, 1.0 / NANOSECONDS)), f[k + 1], f[k + 2], f[k + 3], f[k + 4])
-    length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, pair))
+    length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, trials))
     f[TRIED] = 0.0
     if length == 0 or rounding(goal, phase, max(float(length), following.step * NANOSECONDS)) > goal.accuracy:
         return False
@@ -241,29 +304,38 @@ def _choose(c: Numbers, f: Numbers, w: Whole, pair: Take) -> bool:
     return is_finite(after)
 
 
-def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
+def _goal_and_sight(c: Numbers, f: Numbers, phase: PhaseState) -> tuple[Goal, float]:
+    """Return the goal of a stride from `phase` on, and for how long (s) the load there predicts that ahead."""
+    slowing, sight = load_scales(c, _point(c, phase))
+    share, x, y, z = f[GOAL + 6], f[GOAL + 7], f[GOAL + 8], f[GOAL + 9]
+    ends, order, errors = f[GOAL + 2] != 0.0, f[GOAL + 4], f[GOAL + 5]
+    goal = Goal(f[GOAL], f[GOAL + 1], ends, f[GOAL + 3], order, errors, share, x, y, z, slowing, f[GOAL + 11])
+    return goal, sight
+
+
+def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -> bool:
     """Find the first switch of a wheel up to a time, and take the strides that end by then; return whether they can be.
 
     As `Simulation` does, in whole strides.
     """
     while True:
-        if w[STRIDE] == 0 and not _choose(c, f, w, pair):
+        if w[STRIDE] == 0 and not _choose(c, f, w, trials):
             return False
         end_ns = w[START] + w[REACHED] + w[STRIDE]
         if end_ns != w[SEARCHED]:
             first = w[START] if w[SEARCHED] < 0 else w[SEARCHED] - 1
             w[SEARCHED], w[SWITCH], w[LOW] = end_ns, -1, -1
-            if not _bracket(c, f, w, first, end_ns - 1, step, pair):
+            if not _bracket(c, f, w, first, end_ns - 1, trials):
                 return False
         if w[LOW] >= 0:
-            return _bisect(c, f, w, until_ns, step, pair)
+            return _bisect(c, f, w, until_ns, trials)
         if end_ns > until_ns or (end_ns == until_ns and w[UNLIKE] == 0):
             return True
-        if not _take(c, f, w, step, pair):
+        if not _take(c, f, w, trials):
             return False
 
 
-def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, step: Take, pair: Take) -> bool:
+def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, trials: _Trials) -> bool:
     """Note whether a wheel switches between two times within the next stride; return whether they can be reached."""
     w[UNLIKE] = 1
     if w[KNOWN] != 0:
@@ -273,18 +345,18 @@ def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, step: Take
             return True
     if last <= first:
         return True
-    if not _reach(c, f, w, last, step, pair):
+    if not _reach(c, f, w, last, trials):
         return False
     if _switching(c):
         w[LOW], w[HIGH] = first, last
     return True
 
 
-def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: Take) -> bool:
+def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -> bool:
     """Find the switch, or that it comes after a time; return whether the times of the search can be reached."""
     while w[HIGH] - w[LOW] > 1 and w[LOW] < until_ns:
         middle = (w[LOW] + w[HIGH]) // 2
-        if not _reach(c, f, w, middle, step, pair):
+        if not _reach(c, f, w, middle, trials):
             return False
         w[HIGH if _switching(c) else LOW] = middle
     if w[HIGH] - w[LOW] <= 1:
@@ -292,12 +364,12 @@ def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, step: Take, pair: T
     return True
 
 
-def _take(c: Numbers, f: Numbers, w: Whole, step: Take, pair: Take) -> bool:
+def _take(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Take the next stride; return whether it, and a choice after it, can be made."""
     _copy(f, FOLLOWING, LEARNT, 5)
     if w[KNOWN] == 0:
         _stand(c, f, GRID_POINT)
-        step(c, w[STRIDE] / NANOSECONDS)
+        _alone(c, trials[0], trials[1], w[STRIDE] / NANOSECONDS)
         _keep(c, f, GRID_POINT)
         if not is_finite(phase_at(c, CONSTANTS)):
             return False
@@ -308,22 +380,22 @@ def _take(c: Numbers, f: Numbers, w: Whole, step: Take, pair: Take) -> bool:
     w[STRIDE] = w[KNOWN] = 0
     strides = w[STRIDES]
     if w[CHOOSE_AFTER] > 0 and strides >= w[CHOOSE_AFTER] and strides & (strides - 1) == 0:
-        return _learn(c, f, w, pair)
+        return _learn(c, f, w, trials)
     return True
 
 
 @compiled_apart
-def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, step: Take, pair: Take) -> bool:
+def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> bool:
     """Stand at a time within the next stride, and keep that phase as the last; return whether it can be reached."""
     rest = time_ns - w[START] - w[REACHED]
     if rest > 0 and rest == w[STRIDE]:
-        if not _take(c, f, w, step, pair):
+        if not _take(c, f, w, trials):
             return False
         rest = 0
     _stand(c, f, GRID_POINT)
     if rest > 0:
         _copy(f, FOLLOWING, LEARNT, 5)
-        step(c, rest / NANOSECONDS)
+        _alone(c, trials[0], trials[1], rest / NANOSECONDS)
     _keep(c, f, _here(c))
     if rest > 0:
         # A step leaves the states of a stage.
@@ -420,12 +492,12 @@ def _keep(c: Numbers, f: Numbers, at: int) -> None:
 
 def _attempted(trials: Any, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:  # noqa: ARG001
     """Return the results of an embedded pair after a step of h s from the grid point."""
-    c, f, pair = trials
+    c, f, (row, _, pair) = trials
     if h == f[TRIED]:
         _stand(c, f, GRID_POINT + _size(c))
     else:
         _stand(c, f, GRID_POINT)
-        pair(c, h)
+        _alone(c, row, pair, h)
     f[TRIED] = 0.0
     return phase_at(c, CONSTANTS), phase_at(c, OTHER)
 
@@ -459,7 +531,7 @@ _by_trial = specialise(
 )
 
 _TAKE = "FunctionType(void(float64[::1], float64))"
-_PAIRS = f"FunctionType({SIGNATURE})"
-_ARRAYS = "float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1]"
-_OTHERS = f"int64, int64, int64, {_TAKE}, {_TAKE}, {_PAIRS}, int64, int64[::1]"
-ADVANCE_ALL = OnDemand("dop853", advance_all, f"void({_ARRAYS}, {_OTHERS})", steps=4.0)
+_ARRAYS = "float64[:, :, ::1], float64[:, :, ::1], int64[:, ::1], float64[:, ::1]"
+_KERNELS = f"{_TAKE}, {_TAKE}, FunctionType({SIGNATURE}), int64"
+_SIGNATURE = f"void({_ARRAYS}, int64, int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
+ADVANCE_ALL = OnDemand("dop853", advance_all, _SIGNATURE, steps=4.0)

@@ -21,18 +21,13 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.inner_states import difference
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_in, phase_in, write_phase_in
 from rb_dynamics.motion.phase_state import grown, two_sum
-from rb_dynamics.motion.stateful_kernel import MOST_STAGES, OTHER, ROWS, WHEELS
+from rb_dynamics.motion.stateful_kernel import MOST_STAGES, ROWS, WHEELS
 from rb_dynamics.numerics.compilation import block, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from rb_dynamics.numerics.array_types import Numbers
-
-    Whole = npt.NDArray[np.int64]
 
 LANES = 8
 """Bodies side by side: those of one vector register."""
@@ -77,44 +72,41 @@ def _evaluated(
     return force, add(torque, inner)
 
 
-def pairs_on_numbers(rows: Numbers, arcs: Numbers, which: Whole, count: int, at: int, after: int, h: float) -> None:
-    """Take the pair of a step of h s for the bodies `which`, as many as `count`.
+def pairs_on_numbers(rows: Numbers, arcs: Numbers, row: Numbers, results: Numbers, at: int, h: float) -> None:
+    """Take the pair of a step of h s for the bodies of a group.
 
     Args:
-        rows: (N, ...), of each body the numbers of `stateful_kernel.py`; the second results are written there.
-        arcs: (N, ...), the phases with their states.
-        which: bodies.
-        count: at most `LANES`.
-        at: where in a row of `arcs` the start of the step is.
-        after: where its end is written.
+        rows: (..., `LANES`), of each body the numbers of `stateful_kernel.py`.
+        arcs: (..., `LANES`), the phases with their states.
+        row: the weights, as in the numbers of a body.
+        results: (..., `LANES`), for the phase at the end with its states, then the second result.
+        at: where in `arcs` the start of the step is.
         h: length of the step, s.
     """
     # Body and wrench, phase, second result, wheels with their states, and the effect.
     c, s, other = block(CONSTANTS, LANES), block(PHASE, LANES), block(PHASE, LANES)
     w, e = block(_COLUMN, LANES), block(_EFFECT, LANES)
-    # Slopes, the present one, and sums of them.
-    k, b, t = block(_SLOPES, LANES), block(_PER_SLOPE, LANES), block(_SUMS, LANES)
-    for i in range(LANES):
-        # The last body stands for those that are missing.
-        row, arc = rows[which[min(i, count - 1)]], arcs[which[min(i, count - 1)]]
-        _read_body(c, s, w, e, row, arc[at:], i)
-    weights = rows[which[0]]
-    acts = weights[len(weights) - 1] != 0.0
-    _write_zeros(k, _PER_SLOPE)
+    # Slopes and sums of them, row by row: the compiler only sees in an array of one axis that bodies lie side by side.
+    k, t = block(1, _SLOPES), block(1, _SUMS)
+    _read(c, 0, CONSTANTS, rows, 0)
+    _read(s, 0, PHASE, arcs, at)
+    _read(w, 0, _HIGH, rows, WHEELS)
+    _read(w, _HIGH, 2 * _M, arcs, at + PHASE)
+    _read(e, 0, _EFFECT, rows, len(rows) - 1 - WIDTH)
+    acts = rows[len(rows) - 1, 0] != 0.0
     for stage in range(MOST_STAGES):
-        _add_up(k, t, weights, h, stage, stage, 0)
+        _add_up(k, t, row, h, stage, stage, 0)
         _move_states(w, t)
-        ahead = NODES[stage]
+        ahead, to = NODES[stage], lane(stage * _PER_SLOPE * LANES)
         for i in range(LANES):
             o = lane(i)
             f, place, time = _constants(c, s, o, h)
             moments = (c[1, o], c[2, o], c[3, o])
             load = _LaneLoad(w[:, o], time, place, moments, f.held, acts, _attraction(e, o))
-            _write_slope(b, w, o, _slope(f, ahead, _turn_of(t, 0, o), _carried_of(t, 0, o), load))
-        _keep_slope(k, b, stage)
+            _write_slope(k, to + o, w, o, _slope(f, ahead, _turn_of(t, 0, o), _carried_of(t, 0, o), load))
     for result in range(_RESULTS):
-        _add_up(k, t, weights, h, MOST_STAGES + result, MOST_STAGES, result * _PER_SUM)
-    _add_books(k, t, weights, h)
+        _add_up(k, t, row, h, MOST_STAGES + result, MOST_STAGES, result * _PER_SUM)
+    _add_books(k, t, row, h)
     _end_states(w, t)
     for i in range(LANES):
         o = lane(i)
@@ -122,42 +114,24 @@ def pairs_on_numbers(rows: Numbers, arcs: Numbers, which: Whole, count: int, at:
         _, _, high, low = phase_in(s, o)
         turns = _turn_of(t, 0, o), _turn_of(t, _PER_SUM, o), _turn_of(t, 2 * _PER_SUM, o)
         moves = _carried_of(t, 0, o), _carried_of(t, _PER_SUM, o), _carried_of(t, 2 * _PER_SUM, o)
-        r = _RESULTS * _PER_SUM
-        books = (t[r, o], t[r + 1, o], t[r + 2, o]), t[r + 3, o]
+        books = _vector_of(t, _RESULTS * _PER_SUM, o), _number_of(t, _RESULTS * _PER_SUM + 3, o)
         step, second = compared(f, turns, moves, books, f)
         off = divide(_momentum_in(w[:, o], 0, _STATES), (c[1, o], c[2, o], c[3, o]))
         new_high, new_low = grown(high, low, second, h)
         write_phase_in(other, o, second.orientation, add_scaled(second.angular_velocity, 1.0, off), new_high, new_low)
         new_high, new_low = grown(high, low, step, h)
         write_phase_in(s, o, step.orientation, step.angular_velocity, new_high, new_low)
-    for i in range(count):
-        _write_body(s, other, w, rows[which[i]], arcs[which[i]][after:], i)
-
-
-def _read_body(c: Numbers, s: Numbers, w: Numbers, e: Numbers, row: Numbers, arc: Numbers, i: int) -> None:
-    for r in range(CONSTANTS):
-        c[r, i] = row[r]
-    for r in range(PHASE):
-        s[r, i] = arc[r]
-    for r in range(_HIGH):
-        w[r, i] = row[WHEELS + r]
-    for r in range(2 * _M):
-        w[_HIGH + r, i] = arc[PHASE + r]
-    for r in range(_EFFECT):
-        e[r, i] = row[len(row) - 1 - WIDTH + r]
-
-
-def _write_body(s: Numbers, other: Numbers, w: Numbers, row: Numbers, arc: Numbers, i: int) -> None:
-    for r in range(PHASE):
-        arc[r], row[OTHER + r] = s[r, i], other[r, i]
-    for r in range(2 * _M):
-        arc[PHASE + r] = w[_HIGH + r, i]
+    _read(results, 0, PHASE, s, 0)
+    _read(results, PHASE, 2 * _M, w, _HIGH)
+    _read(results, PHASE + 2 * _M, PHASE, other, 0)
 
 
 # Loops go over rows and bodies at once: the compiler would unroll one over bodies alone, and not vectorise it.
-def _write_zeros(a: Numbers, rows: int) -> None:
-    for x in range(rows * LANES):
-        a[lane(x) // lane(LANES), lane(x) % lane(LANES)] = 0.0
+def _read(a: Numbers, to: int, count: int, source: Numbers, at: int) -> None:
+    """Copy rows."""
+    for x in range(count * LANES):
+        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
+        a[lane(to) + r, i] = source[lane(at) + r, i]
 
 
 def _move_states(w: Numbers, t: Numbers) -> None:
@@ -165,40 +139,32 @@ def _move_states(w: Numbers, t: Numbers) -> None:
     for x in range(_M * LANES):
         r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
         sums = w[lane(_HIGH) + r, i] + w[lane(_LOW) + r, i]
-        w[lane(_STATES) + r, i] = sums + t[lane(_MOVED) + r, i]
-
-
-def _keep_slope(k: Numbers, b: Numbers, stage: int) -> None:
-    for x in range(_PER_SLOPE * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        k[lane(stage * _PER_SLOPE) + r, i] = b[r, i]
+        w[lane(_STATES) + r, i] = sums + t[0, lane(_MOVED * LANES) + lane(x)]
 
 
 def _add_books(k: Numbers, t: Numbers, weights: Numbers, h: float) -> None:
     """Write h times the sums of twist and power, behind the other sums; see `booked`."""
-    books = _RESULTS * _PER_SUM
+    books = lane(_RESULTS * _PER_SUM * LANES)
     for x in range(4 * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        t[lane(books) + r, i] = 0.0
+        t[0, books + lane(x)] = 0.0
     for stage in range(MOST_STAGES):
         weight = weights[ROWS + MOST_STAGES * MOST_STAGES + stage] * h
         if weight != 0.0:
+            at = lane((stage * _PER_SLOPE + _PER_SUM) * LANES)
             for x in range(4 * LANES):
-                r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-                slope_at = lane(stage * _PER_SLOPE + _PER_SUM) + r
-                t[lane(books) + r, i] = t[lane(books) + r, i] + weight * k[slope_at, i]
+                t[0, books + lane(x)] = t[0, books + lane(x)] + weight * k[0, at + lane(x)]
 
 
 def _end_states(w: Numbers, t: Numbers) -> None:
     """Write the errors of the states to where the states at a stage were, and add to their sums."""
+    fifth, third = lane((_PER_SUM + _MOVED) * LANES), lane((2 * _PER_SUM + _MOVED) * LANES)
     for x in range(_M * LANES):
         r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        fifth, third = t[lane(_PER_SUM + _MOVED) + r, i], t[lane(2 * _PER_SUM + _MOVED) + r, i]
-        w[lane(_STATES) + r, i] = difference(fifth, third)
+        w[lane(_STATES) + r, i] = difference(t[0, fifth + lane(x)], t[0, third + lane(x)])
     for x in range(_M * LANES):
         r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
         high, low = w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i]
-        w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i] = two_sum(high, t[lane(_MOVED) + r, i], low)
+        w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i] = two_sum(high, t[0, lane(_MOVED * LANES) + lane(x)], low)
 
 
 def _attraction(e: Numbers, i: int) -> Attraction:
@@ -216,42 +182,59 @@ def _constants(c: Numbers, s: Numbers, i: int, h: float) -> tuple[StepConstants,
 
 def _add_up(k: Numbers, t: Numbers, weights: Numbers, h: float, row: int, stages: int, to: int) -> None:
     """Write h times the sums of the slopes at the first stages, with the weights of a row, from `to` on."""
-    # One loop over rows and bodies: the compiler would unroll one over bodies alone, and not vectorise it.
-    first = weights[ROWS + row * MOST_STAGES] if stages > 0 else 0.0
+    begin, turns = lane(to * LANES), lane((to + _TURN) * LANES)
+    if stages == 0:
+        for x in range(_PER_SUM * LANES):
+            t[0, begin + lane(x)] = 0.0
+        return
+    first = weights[ROWS + row * MOST_STAGES]
     for x in range(_PER_SUM * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        t[lane(to) + r, i] = first * k[r, i]
+        t[0, begin + lane(x)] = first * k[0, lane(x)]
     # Other sums than `total` begin with 0: -0 becomes 0.
     for x in range((_PER_SUM - _TURN) * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        t[lane(to + _TURN) + r, i] = 0.0 + t[lane(to + _TURN) + r, i]
+        t[0, turns + lane(x)] = 0.0 + t[0, turns + lane(x)]
     for stage in range(1, stages):
-        weight, at = weights[ROWS + row * MOST_STAGES + stage], stage * _PER_SLOPE
+        weight, at = weights[ROWS + row * MOST_STAGES + stage], lane(stage * _PER_SLOPE * LANES)
         if weight != 0.0:
             for x in range(_PER_SUM * LANES):
-                r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-                t[lane(to) + r, i] = t[lane(to) + r, i] + weight * k[lane(at) + r, i]
+                t[0, begin + lane(x)] = t[0, begin + lane(x)] + weight * k[0, at + lane(x)]
     for x in range(_PER_SUM * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        t[lane(to) + r, i] = h * t[lane(to) + r, i]
+        t[0, begin + lane(x)] = h * t[0, begin + lane(x)]
+
+
+def _number_of(t: Numbers, r: int, i: int) -> float:
+    number: float = t[0, lane(r * LANES) + i]
+    return number
+
+
+def _vector_of(t: Numbers, r: int, i: int) -> Vector:
+    return _number_of(t, r, i), _number_of(t, r + 1, i), _number_of(t, r + 2, i)
 
 
 def _turn_of(t: Numbers, r: int, i: int) -> Turn:
-    return (t[r, i], t[r + 1, i], t[r + 2, i], t[r + 3, i]), (t[r + 4, i], t[r + 5, i], t[r + 6, i])
+    x, y, z = _vector_of(t, r, i)
+    return (x, y, z, _number_of(t, r + 3, i)), _vector_of(t, r + 4, i)
 
 
 def _carried_of(t: Numbers, r: int, i: int) -> Carried:
-    return (t[r + 7, i], t[r + 8, i], t[r + 9, i]), (t[r + 10, i], t[r + 11, i], t[r + 12, i])
+    return _vector_of(t, r + 7, i), _vector_of(t, r + 10, i)
 
 
-def _write_slope(b: Numbers, w: Numbers, i: int, found: Slope) -> None:
-    (b[0, i], b[1, i], b[2, i], b[3, i]), (b[4, i], b[5, i], b[6, i]) = found.turn
-    b[7, i], b[8, i], b[9, i] = found.push
-    b[10, i], b[11, i], b[12, i] = found.gain
-    b[_PER_SUM, i], b[_PER_SUM + 1, i], b[_PER_SUM + 2, i] = found.twist
-    b[_PER_SUM + 3, i] = found.power
+def _write_slope(k: Numbers, at: int, w: Numbers, i: int, found: Slope) -> None:
+    (a, b, c, d), turn = found.turn
+    _write_vector(k, at, 0, (a, b, c))
+    k[0, at + lane(3 * LANES)] = d
+    _write_vector(k, at, 4, turn)
+    _write_vector(k, at, 7, found.push)
+    _write_vector(k, at, 10, found.gain)
     for r in range(_M):
-        b[_MOVED + r, i] = w[_RATES + r, i]
+        k[0, at + lane((_MOVED + r) * LANES)] = w[_RATES + r, i]
+    _write_vector(k, at, _PER_SUM, found.twist)
+    k[0, at + lane((_PER_SUM + 3) * LANES)] = found.power
+
+
+def _write_vector(k: Numbers, at: int, r: int, a: Vector) -> None:
+    k[0, at + lane(r * LANES)], k[0, at + lane((r + 1) * LANES)], k[0, at + lane((r + 2) * LANES)] = a
 
 
 # Of a number of wheels, see `pairs_of`.
@@ -295,8 +278,8 @@ def pairs_of(wheels: int) -> OnDemand | None:
         "_COLUMN": high + 4 * m,
         "_PER_SLOPE": _MOVED + m + 4,
         "_PER_SUM": _MOVED + m,
-        "_SLOPES": MOST_STAGES * (_MOVED + m + 4),
-        "_SUMS": _RESULTS * (_MOVED + m) + 4,
+        "_SLOPES": MOST_STAGES * (_MOVED + m + 4) * LANES,
+        "_SUMS": (_RESULTS * (_MOVED + m) + 4) * LANES,
     }
 
     def made(function: Callable[..., Any], **names: object) -> Callable[..., Any]:
@@ -304,7 +287,7 @@ def pairs_of(wheels: int) -> OnDemand | None:
 
     count = made(_count, _WHEELS=wheels)
     inner = made(inner_torque, count_of=count, spin_up_of=made(spin_up_of, count_of=count))
-    parts = (_read_body, _write_body, _move_states, _keep_slope, _add_books, _end_states, _add_up, _write_slope)
+    parts = (_move_states, _add_books, _end_states, _add_up, _write_slope)
     found = made(
         pairs_on_numbers,
         _slope=made(slope, evaluated=made(_evaluated, _inner_torque=inner)),
@@ -314,4 +297,4 @@ def pairs_of(wheels: int) -> OnDemand | None:
     return OnDemand("dop853", found, SIGNATURE, steps=2.0 * LANES)
 
 
-SIGNATURE = "void(float64[:, ::1], float64[:, ::1], int64[::1], int64, int64, int64, float64)"
+SIGNATURE = "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], int64, float64)"

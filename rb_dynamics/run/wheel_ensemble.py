@@ -150,10 +150,11 @@ class WheelEnsemble:
         self._limits, self._none = np.array(limits), np.full((len(scenes), len(first.wheels)), np.nan)
         self._commands, self._samples = self._none, cast("WheelSamples | None", None)
         rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
-        self._rows, self._arcs = np.array(rows), np.array(arcs)
+        self._rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
         self._whole = np.array(whole, dtype=np.int64)
-        room = np.empty(len(scenes), dtype=np.int64)
-        self._handed = (step, pair, together or step, 0 if together is None else 1, room)
+        groups, size = len(self._rows), (self._arcs.shape[1] - GRID_POINT) // 3
+        spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
+        self._handed = (step, pair, together or step, 0 if together is None else 1, spare, results)
         self._begin = self.phases.copy()
 
     def __len__(self) -> int:
@@ -164,7 +165,8 @@ class WheelEnsemble:
     def phases(self) -> Numbers:
         """(N, `PHASE` + ...), the present phases, with the sums of the states of the wheels and their rounding."""
         size = (self._arcs.shape[1] - GRID_POINT) // 3
-        return self._arcs[:, GRID_POINT + 2 * size :]
+        columns = self._arcs[:, GRID_POINT + 2 * size :].transpose(1, 0, 2).reshape(size, -1)
+        return columns[:, : len(self)].T
 
     @property
     def left_behind(self) -> npt.NDArray[np.bool_]:
@@ -196,7 +198,7 @@ class WheelEnsemble:
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
         if self._samples is None:
-            phases = self.phases.copy()
+            phases = self.phases.copy("K")
             speeds, told = self._speeds(phases), lambda: self._told(phases)
             self._samples = WheelSamples(self._body, self._start, phases, self.time_ns, speeds, told)
         return self._samples
@@ -286,6 +288,16 @@ class WheelSamples(Samples):
     def torque_impulse_world(self) -> Any:
         """(N, 3), integral of the torque about the centre of mass since the start, N m s."""
         return [torque_impulse(first, sample) for first, sample in self._told]
+
+
+def _in_lanes(rows: Sequence[Sequence[float]]) -> Numbers:
+    """Return rows in groups of `LANES`, (groups, ..., `LANES`); the last one stands for those that are missing."""
+    import numpy as np
+
+    given = np.array(rows)
+    missing = np.repeat(given[-1:], -len(given) % LANES, axis=0)
+    whole = np.concatenate((given, missing)).reshape(-1, LANES, given.shape[1])
+    return np.ascontiguousarray(whole.transpose(0, 2, 1))
 
 
 def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[float], list[int]]:
