@@ -13,7 +13,7 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
-from rb_dynamics.motion.sensor_kernel import READ_ALL
+from rb_dynamics.motion.sensor_kernel import FIND_TRUTHS, READ_ALL
 from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL
@@ -33,7 +33,9 @@ def all_kernels() -> dict[str, OnDemand]:
     """Return all kernels, those of plug-ins included."""
     methods = METHODS.usable()
     others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m), *_with_wheels(m)))
-    return usual_kernels() | _by_name([FREE_STATES, ADVANCE_ALL, *map(pairs_of, COUNTS), READ_ALL, *others])
+    return usual_kernels() | _by_name(
+        [FREE_STATES, ADVANCE_ALL, *map(pairs_of, COUNTS), READ_ALL, FIND_TRUTHS, *others]
+    )
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.motion.sensor_kernel import READ_ALL
+from rb_dynamics.motion.sensor_kernel import FIND_TRUTHS, READ_ALL
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.run.measurements import SampleTimes
 from rb_dynamics.scene.model import Scene
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from rb_dynamics.numerics.array_types import Numbers
-    from rb_dynamics.run.sample_arrays import Samples
 
 # Samples of each body for which the kernel is worth loading.
 _AHEAD = 100.0
@@ -37,7 +36,9 @@ def shared_by_sensors(scene: Scene) -> Hashable | None:
 
 def kernel_at_hand() -> bool:
     """Return whether nothing has to be compiled to read them."""
-    return READ_ALL.get(_AHEAD, _AHEAD) is not None
+    # Both are asked for.
+    found = [kernel.get(_AHEAD, _AHEAD) for kernel in (READ_ALL, FIND_TRUTHS)]
+    return None not in found
 
 
 class _Sensor:
@@ -94,12 +95,17 @@ class ManyMeasurements:
         """Begin before the first sample, for scenes that share what `shared_by_sensors` returns.
 
         Raises:
-            LookupError: the kernel is not there, and not worth compiling now.
+            LookupError: the kernels are not there, and not worth compiling now.
         """
+        import numpy as np
+
         ahead = _AHEAD * len(scenes)
-        self._kernel = READ_ALL.get(ahead, ahead)
-        if self._kernel is None:
-            raise LookupError("the kernel for sensors is not there")
+        kernels: Any = READ_ALL.get(ahead, ahead), FIND_TRUTHS.get(ahead, ahead)
+        if None in kernels:
+            raise LookupError("the kernels for sensors are not there")
+        self._kernel, self._find_truths = kernels
+        bodies = [(*scene.body.center_of_mass, *scene.body.principal_orientation_xyzw) for scene in scenes]
+        self._bodies = np.ascontiguousarray(np.array(bodies).T)
         self.sensors = [_Sensor(scenes, number) for number in range(len(scenes[0].sensors))]
         # Readings not yet delivered: when they arrive, the number of their sensor, when they were taken.
         self._waiting: list[tuple[int, int, int, Numbers]] = []
@@ -109,16 +115,14 @@ class ManyMeasurements:
         """The next time at which a sample is taken."""
         return min(sensor.due_ns for sensor in self.sensors)
 
-    def take(self, samples: Samples) -> None:
-        """Take the samples that are due at the time of `samples`."""
+    def take(self, phases: Numbers, time_ns: int) -> None:
+        """Take the samples that are due at `time_ns`, of bodies in these phases, (N, `PHASE` or more)."""
         import numpy as np
 
-        time_ns, truth = int(samples.time_ns), None
+        truth = np.empty((len(phases), 10))
+        self._find_truths(phases.T, self._bodies, truth)
         for number, sensor in enumerate(self.sensors):
             while sensor.due_ns <= time_ns:
-                if truth is None:
-                    parts = samples.position_world, samples.orientation_xyzw, samples.angular_velocity_body
-                    truth = np.concatenate(parts, axis=1)
                 taken_ns = sensor.due_ns
                 found = sensor.take(self._kernel, truth)
                 heapq.heappush(self._waiting, (taken_ns + sensor.delay_ns, number, taken_ns, found))

@@ -179,9 +179,10 @@ class WheelEnsemble:
         import numpy as np
 
         beyond = np.abs(commands) > self._limits
-        self.clipped = self.clipped + beyond.sum(axis=1)
-        given = np.where(beyond, np.copysign(self._limits, commands), commands)
-        self._commands = np.where(np.isnan(given), self._commands, given)
+        if beyond.any():
+            self.clipped = self.clipped + beyond.sum(axis=1)
+            commands = np.where(beyond, np.copysign(self._limits, commands), commands)
+        self._commands = np.where(np.isnan(commands), self._commands, commands)
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to `time_ns`, not before the last time."""
@@ -198,9 +199,9 @@ class WheelEnsemble:
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
         if self._samples is None:
-            phases = self.phases.copy("K")
-            speeds, told = self._speeds(phases), lambda: self._told(phases)
-            self._samples = WheelSamples(self._body, self._start, phases, self.time_ns, speeds, told)
+            phases, time_ns = self.phases.copy("K"), self.time_ns
+            speeds, told = lambda: self._speeds(phases), lambda: self._told(phases, time_ns)
+            self._samples = WheelSamples(self._body, self._start, phases, time_ns, speeds, told)
         return self._samples
 
     def _speeds(self, phases: Numbers) -> Numbers:
@@ -231,10 +232,10 @@ class WheelEnsemble:
             found.append((observer, observer.sample(phase, 0)))
         return found
 
-    def _told(self, phases: Numbers) -> list[tuple[Sample, Sample]]:
+    def _told(self, phases: Numbers, time_ns: int) -> list[tuple[Sample, Sample]]:
         """Return the first sample of each body, and that of its phase."""
         found = zip(self._observers, phases.tolist(), strict=True)
-        return [(first, observer.sample(_phase(row), self.time_ns)) for (observer, first), row in found]
+        return [(first, observer.sample(_phase(row), time_ns)) for (observer, first), row in found]
 
 
 def _phase(row: Sequence[float]) -> PhaseState:
@@ -245,7 +246,11 @@ def _phase(row: Sequence[float]) -> PhaseState:
 
 
 class WheelSamples(Samples):
-    """State and bookkeeping of bodies with wheels; the books are made up for each body, and only if they are read."""
+    """State and bookkeeping of bodies with wheels; the books are made up for each body, and only if they are read.
+
+    Attributes:
+        phases: as in `WheelEnsemble`.
+    """
 
     def __init__(
         self,
@@ -253,12 +258,17 @@ class WheelSamples(Samples):
         start: Numbers,
         phases: Numbers,
         time_ns: int,
-        speeds: Numbers,
+        speeds: Callable[[], Numbers],
         told: Callable[[], list[tuple[Sample, Sample]]],
     ) -> None:
         """Describe `body` (of arrays); `told` returns the first sample of each and the present one."""
         super().__init__(body, start, phases[:, :PHASE], time_ns)
-        self.wheel_speeds, self._tell = speeds, told
+        self.phases, self._speeds, self._tell = phases, speeds, told
+
+    @field
+    def wheel_speeds(self) -> Any:
+        """(N, wheels), relative to the body, rad/s."""
+        return self._speeds()
 
     @cached_property
     def _told(self) -> list[tuple[Sample, Sample]]:

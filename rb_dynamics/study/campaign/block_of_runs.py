@@ -265,7 +265,7 @@ def _advance(
         if looking or sampling:
             samples = bodies.samples()
             if looking:
-                metrics.add(samples)
+                metrics.add(samples, is_last=time_ns >= end_ns)
                 if watch is not None:
                     watch(samples)
                 next_look_ns = time_ns + campaign.observe_ns
@@ -320,8 +320,11 @@ class _Closed:
             _, number, group = heapq.heappop(self._waiting)
             of_group = self._groups[group][1]
             for name, values in self._commands[number].items():
-                to = of_group.reshape(-1, *[1] * (values.ndim - 1))
-                self._held[name] = np.where(to, values, self._held.get(name, 0.0))
+                if of_group.all():
+                    self._held[name] = values
+                else:
+                    to = of_group.reshape(-1, *[1] * (values.ndim - 1))
+                    self._held[name] = np.where(to, values, self._held.get(name, 0.0))
                 new[name] = new.get(name, False) | of_group
             if group == len(self._groups) - 1:
                 # The longest delay has passed.

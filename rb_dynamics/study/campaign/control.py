@@ -123,7 +123,8 @@ class ControlLoop:
         self.failed: dict[int, str] = {}
         self._share = sharing(scenes_of(campaign).base, control.through)
         self._units = {each.name: each.unit for each in scenes_of(campaign).base.actuators}
-        self._largest = [largest_wrench(body) for body in bodies]
+        self._count, largest = len(bodies), np.array([largest_wrench(body) for body in bodies])
+        self._largest: Mapping[str, Numbers] = {FORCE: largest[:, :1], TORQUE: largest[:, 1:]}
         self._most = numbers["control.saturation"][:, None]
         self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)], axis=-1)
         self._sizes = np.stack([numbers["control.noise.attitude"], numbers["control.noise.rate"]], axis=-1)
@@ -137,7 +138,7 @@ class ControlLoop:
         if self._silent:
             why = f"{self._name} was never called: it waits for a first message from {', '.join(self._silent)}; "
             why += "correct their rate, delay or dropout, or make the run longer"
-            self.failed.update(dict.fromkeys(range(len(self._largest)), why))
+            self.failed.update(dict.fromkeys(range(self._count), why))
 
     def commands(self, samples: Samples, onboard: OnboardValues) -> Commands:
         """Return what is commanded at the sample that is due now: nothing before each sensor has sent a message.
@@ -167,37 +168,39 @@ class ControlLoop:
         if unit is None:
             known = ", ".join([TORQUE, FORCE, *self._units])
             raise SceneError(f"{self._name} returned a command for {name!r}, expected one of {known}; correct the law")
-        numbers = called_for_numbers(self._name, lambda: value)
-        is_wrench = name in (TORQUE, FORCE)
-        shape = (len(self._largest), 3) if is_wrench else (len(self._largest),)
+        # The law may change its array later.
+        plain = type(value) is np.ndarray and value.dtype == np.float64
+        numbers: Numbers = np.array(value) if plain else called_for_numbers(self._name, lambda: value)
+        is_wrench = name in self._largest
+        shape = (self._count, 3) if is_wrench else (self._count,)
         if numbers.shape != shape:
             what = f"a {name}" if is_wrench else f"a command to {name}"
             raise SceneError(
                 f"{self._name} returned an array of shape {numbers.shape}, expected {shape}: {what} for each body; "
                 "correct the law"
             )
-        found: Numbers = numbers
+        found = numbers
         if name == TORQUE:
             found = np.minimum(np.maximum(numbers, -self._most), self._most) + self._bias
-        possible = [each[name == TORQUE] if is_wrench else sys.float_info.max for each in self._largest]
         # What is not a number is not within it, either.
-        within = np.abs(found).reshape(len(possible), -1) <= np.array(possible)[:, None]
-        lost = ~np.all(within, axis=-1)
+        within = np.abs(found) <= (self._largest[name] if is_wrench else sys.float_info.max)
+        if within.all():
+            return found
+        lost = ~np.all(within.reshape(self._count, -1), axis=-1)
         for place in np.flatnonzero(lost).tolist():
             came, acts = np.atleast_1d(numbers[place]), np.atleast_1d(found[place])
             why = f"no finite {name}" if is_wrench else f"no finite command to {name}"
             if np.isfinite(acts).all():
                 with_bias = "" if (acts == came).all() else ", saturated and with its bias"
                 size = f"{float(np.abs(acts).max()):.3g} {unit}{with_bias}"
-                why = f"{size}, is more than the {possible[place]:.3g} {unit} that the body can be simulated under"
+                most = f"{float(self._largest[name][place, 0]):.3g} {unit}"
+                why = f"{size}, is more than the {most} that the body can be simulated under"
             shown = ", ".join(map(repr, came.tolist()))
             shown = f"({shown})" if is_wrench else shown
             self.failed.setdefault(
                 place, f"{self._name} returned {shown} {unit} at simulation time {time_s!r} s, {why}"
             )
-        if lost.any():
-            found = np.where(lost[:, None] if is_wrench else lost, 0.0, found)
-        return found
+        return np.where(lost[:, None] if is_wrench else lost, 0.0, found)
 
     def _measure(self, samples: Samples, onboard: OnboardValues) -> LawInput:
         import numpy as np

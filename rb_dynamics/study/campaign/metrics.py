@@ -144,6 +144,7 @@ class MetricAccumulator:
         """Start without observations."""
         functions: dict[tuple[object, ...], tuple[Quantity, list[_Reduction]]] = {}
         self._reductions: dict[str, _Reduction] = {}
+        self._count = count
         for metric in campaign.metrics:
             reduction = self._reductions[metric.name] = REDUCTIONS[metric.reduction](metric, count)
             # Each quantity is evaluated once, however many metrics use it.
@@ -151,15 +152,20 @@ class MetricAccumulator:
             functions.setdefault(key, (quantity(campaign, metric), []))[1].append(reduction)
         self._functions = list(functions.items())
 
-    def add(self, samples: Samples) -> None:
+    def add(self, samples: Samples, *, is_last: bool) -> None:
         """Add N bodies at a later time than before.
+
+        Of a quantity of this package, of which all metrics take the last value, no other is computed. A function of a
+        user may keep state, and is always called.
 
         Raises:
             FunctionError: a user function raised.
             SceneError: it did not return one number per body.
         """
-        time_s, count = float(samples.time_ns / NANOSECONDS), len(samples.orientation_xyzw)
+        time_s, count = float(samples.time_ns / NANOSECONDS), self._count
         for (name, *_), (function, reductions) in self._functions:
+            if not is_last and name in QUANTITIES and all(type(each) is _Reduction for each in reductions):
+                continue
             values = called_for_numbers(f"metrics: {name}", function, samples)
             if values.shape != (count,):
                 raise SceneError(

@@ -52,6 +52,25 @@ def at_hand(scene: Scene) -> bool:
     return all(found)
 
 
+class _Speeds(Mapping[str, "Numbers"]):
+    """Speeds of wheels by name, each computed if a law asks for it."""
+
+    def __init__(self, names: Mapping[str, int], samples: Samples) -> None:
+        self._names, self._samples, self._found = names, samples, dict[str, "Numbers"]()
+
+    def __getitem__(self, name: str) -> Numbers:
+        if name not in self._found:
+            # The law may overwrite it.
+            self._found[name] = self._samples.wheel_speeds[:, self._names[name]].copy()
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
 class _Values(Mapping[str, "Numbers"]):
     """What a sensor measures, of which some is not there side by side."""
 
@@ -93,7 +112,7 @@ class WithWheels:
         self._wheels = {wheel.name: k for k, wheel in enumerate(self._scene.wheels)}
         self._apart = np.zeros(len(scenes), dtype=np.bool_)
         self.failed: Mapping[int, str] = {}
-        self.lacking = False
+        self.lacking = self._heard = False
 
     @property
     def apart(self) -> npt.NDArray[np.bool_]:
@@ -111,8 +130,7 @@ class WithWheels:
 
     def onboard(self) -> OnboardValues:
         """Return what a controller can measure; see `Bodies`."""
-        speeds = self._ensemble.samples().wheel_speeds
-        found = OnboardValues({}, {name: speeds[:, k].copy() for name, k in self._wheels.items()})
+        found = OnboardValues({}, _Speeds(self._wheels, self._ensemble.samples()))
         if self._sensing is None:
             return found
         self._sensing.deliver(self._ensemble.time_ns)
@@ -145,10 +163,13 @@ class WithWheels:
 
     def _silent(self, sensing: ManyMeasurements) -> tuple[str, ...]:
         """Return the sensors without a message so far; bodies of which others have none are to go apart."""
+        if self._heard:
+            return ()
         silent = sensing.silent()
         # As the one that has heard most, whose law is called if that is all.
         most = silent[silent.sum(axis=1).argmin()]
         self._apart |= (silent != most).any(axis=1)
+        self._heard = not silent.any()
         return tuple(sensor.name for sensor, is_silent in zip(self._scene.sensors, most, strict=True) if is_silent)
 
     def hold(self, commands: Mapping[str, Numbers], new: Mapping[str, npt.NDArray[np.bool_]]) -> None:
@@ -163,7 +184,7 @@ class WithWheels:
         for name, changed in new.items():
             if name not in self._wheels:
                 raise NotTogetherError
-            values[changed, self._wheels[name]] = commands[name][changed]
+            np.copyto(values[:, self._wheels[name]], commands[name], where=changed)
         self._ensemble.command(values)
 
     def require_all(self) -> None:
@@ -184,5 +205,5 @@ class WithWheels:
         self.require_all()
         while self._sensing is not None and self._sensing.due_ns <= time_ns:
             self._ensemble.advance_to(self._sensing.due_ns)
-            self._sensing.take(self._ensemble.samples())
+            self._sensing.take(self._ensemble.samples().phases, self._ensemble.time_ns)
         self._ensemble.advance_to(time_ns)
