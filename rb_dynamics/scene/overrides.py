@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 
 from rb_dynamics.formats.yaml.document import Node, from_python, join, show
 from rb_dynamics.formats.yaml.problems import Problems
@@ -88,13 +89,14 @@ def find(document: Node, key: str) -> Node | None:
     return node if _steps(key) else None
 
 
-def _steps(key: str) -> list[str | int]:
+@lru_cache(maxsize=256)
+def _steps(key: str) -> tuple[str | int, ...]:
     """Return the names and indices in `key`; empty if it is not a dotted key."""
     steps: list[str | int] = []
     for part in key.split("."):
         match = _PART.fullmatch(part)
         if match is None:
-            return []
+            return ()
         steps.append(match[1])
         steps.extend(int(index) for index in re.findall("[0-9]+", match[2]))
-    return steps
+    return tuple(steps)

@@ -16,6 +16,9 @@ from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
+from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, MOST_SEED, Scene, Solver
@@ -26,6 +29,7 @@ from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
 from rb_dynamics.scene.read_wrenches import channels
 from rb_dynamics.scene.shipped import shipped
+from rb_dynamics.sensors.sensor_types import SENSORS
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
@@ -169,6 +173,34 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
         findings=reading.findings,
         surface=reading.surface,
     )
+
+
+def rest_is_independent(scene: Scene) -> bool:
+    """Return whether all but frames, initial state and seed is read alike for every body with inertia."""
+    kinds = {type(each) for each in (*scene.effects, *scene.actuators, *scene.sensors)}
+    known = {UniformGravity, CentralGravity, ReactionWheel, *SENSORS.values()}
+    return kinds <= known and scene.past is None and not scene.body.is_particle
+
+
+def scene_with(base: Scene, tree: document.Node, problems: Problems) -> Scene | None:
+    """Return `base`, whose `rest_is_independent`, with body, initial state and seed of `tree`, without its text.
+
+    None if it is not valid: `scene_of` then says why.
+    """
+    root = Field(tree, "", problems).section(ROOT_KEYS, _NESTED_KEYS)
+    reading, frames = body_and_frames(root)
+    initial = initial_state(root.section("initial", INITIAL_KEYS), reading.body)
+    seed, body = int(root.number("seed", _SEED, 0.0)), reading.body
+    if body is None or body.is_particle or reading.file or problems:
+        return None
+    findings, surface = reading.findings, reading.surface
+    try:
+        # Effects and actuators check the body.
+        return replace(
+            base, body=body, frames=frames, initial=initial, seed=seed, text="", findings=findings, surface=surface
+        )
+    except SceneError:
+        return None
 
 
 def with_true_text(scene: Scene) -> Scene:

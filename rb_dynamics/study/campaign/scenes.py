@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 from rb_dynamics.formats.yaml import document
@@ -17,7 +18,7 @@ from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.read import parse_scene, scene_of
+from rb_dynamics.scene.read import parse_scene, rest_is_independent, scene_of, scene_with
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import seed_of_run
 
@@ -26,6 +27,7 @@ FACTORS = tuple(f"{INERTIA}.second_moment[{i}]" for i in range(3))
 AXES = tuple(f"{INERTIA}.turn[{i}]" for i in range(3))
 TURNS = tuple(f"{ORIENTATION}.turn[{i}]" for i in range(3))
 ANYHOW = tuple(f"{ORIENTATION}.any[{i}]" for i in range(3))
+_FEW = ("world_frame", "body", "initial", "seed")
 
 
 class Scenes:
@@ -43,6 +45,10 @@ class Scenes:
         self.base = scene_of(_copy(self._tree), problems, campaign.scene_text)
         self._keys = {each.name for each in campaign.inputs if not each.whole and not each.name.startswith("control.")}
         self._wholes = {each.whole for each in campaign.inputs}
+        sections = self._tree.value if isinstance(self._tree.value, dict) else {}
+        few = {key: node for key, node in sections.items() if key in _FEW}
+        # What alone has to be read again where no other section changes.
+        self._few = replace(self._tree, value=few) if rest_is_independent(self.base) else None
 
     def scene(self, values: Mapping[str, float], run: int = 0) -> Scene:
         """Return the scene of a run with these inputs, without its text.
@@ -50,8 +56,14 @@ class Scenes:
         Raises:
             SceneError: the scene is not valid with these inputs.
         """
+        changes = self.overrides(values, run)
+        if self._few is not None and all(map(_is_of_few, changes)):
+            problems, tree = Problems(self._campaign.source), _copy(self._few)
+            apply_overrides(tree, changes, problems)
+            if found := scene_with(self.base, tree, problems):
+                return found
         problems, tree = Problems(self._campaign.source), _copy(self._tree)
-        apply_overrides(tree, self.overrides(values, run), problems)
+        apply_overrides(tree, changes, problems)
         return scene_of(tree, problems, "")
 
     def whole(self, values: Mapping[str, float], run: int = 0) -> Scene:
@@ -119,6 +131,11 @@ def _turn(values: Mapping[str, float], names: Sequence[str]) -> Quaternion:
     """Return the rotation by the vector with these names, rad."""
     x, y, z = (values[name] for name in names)
     return exp((x, y, z))
+
+
+def _is_of_few(key: str) -> bool:
+    # Frames have names, which other sections mention.
+    return key.startswith(("body.mass", "body.center_of_mass", "body.inertia", "initial.")) or key == "seed"
 
 
 def _copy(node: Node) -> Node:
