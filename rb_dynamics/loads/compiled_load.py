@@ -75,13 +75,41 @@ def effect_numbers(
         found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
         count += 1
     if dipole != ZERO:
-        fields = [effect for effect in effects if isinstance(effect, MagneticField)]
-        if len(fields) != 1 or fields[0].model == "igrf":
+        source = source_numbers(effects)
+        if source is None:
             return None
-        numbers = (_DIPOLE, *dipole, *_flat(fields[0].source))
+        numbers = (_DIPOLE, *dipole, *source)
         found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
         count += 1
     return (*found, float(count))
+
+
+def source_numbers(effects: Sequence[Effect]) -> tuple[float, ...] | None:
+    """Return the numbers of the only magnetic field, for `source_at`; None if there is none, or it has no numbers."""
+    fields = [effect for effect in effects if isinstance(effect, MagneticField)]
+    return None if len(fields) != 1 or fields[0].model == "igrf" else tuple(_flat(fields[0].source))
+
+
+def with_dipoles(numbers: Numbers, sources: Numbers, dipoles: Numbers) -> Numbers:
+    """Return `effect_numbers` of many bodies with their dipoles, (N, ...); those without a dipole begin with zeros.
+
+    Args:
+        numbers: of the bodies without dipoles, (N, ...).
+        sources: (N, ...), see `source_numbers`.
+        dipoles: (N, 3), A m^2, principal axes.
+    """
+    import numpy as np
+
+    count, width = numbers.shape
+    found = np.zeros((count, width + WIDTH))
+    has = (dipoles != 0.0).any(axis=1)
+    found[~has, WIDTH:] = numbers[~has]
+    found[has, : width - 1] = numbers[has, :-1]
+    found[has, width - 1] = _DIPOLE
+    found[has, width : width + 3] = dipoles[has]
+    found[has, width + 3 : width + 3 + sources.shape[1]] = sources[has]
+    found[has, -1] = numbers[has, -1] + 1.0
+    return found
 
 
 _WITH_LOAD = (CentralGravity, LinearDrag, QuadraticDrag, Rotor, Buoyancy)
@@ -167,7 +195,7 @@ def _load(c: Numbers, i: int, here: Point) -> tuple[Vector, Vector]:
     if kind == _SPIN:
         return reaction(_spin_at(c, i + 1), here)
     if kind == _DIPOLE:
-        return turned_in_field(_vector_at(c, i + 1), add(ZERO, flux_density(_source_at(c, i + 4), here.position)), here)
+        return turned_in_field(_vector_at(c, i + 1), add(ZERO, flux_density(source_at(c, i + 4), here.position)), here)
     return lifted(Lift(_vector_at(c, i + 1), _vector_at(c, i + 4)), here)
 
 
@@ -184,7 +212,8 @@ def _spin_at(c: Numbers, i: int) -> Spin:
     return Spin(_vector_at(c, i), c[i + 3], c[i + 4], c[i + 5], c[i + 6])
 
 
-def _source_at(c: Numbers, i: int) -> Source:
+def source_at(c: Numbers, i: int) -> Source:
+    """Return the source of a magnetic field whose numbers begin at i, see `source_numbers`."""
     return Source(c[i] != 0.0, _vector_at(c, i + 1), _vector_at(c, i + 4), _vector_at(c, i + 7))
 
 

@@ -88,7 +88,7 @@ def advance_all(
     arcs: Lanes,
     whole: Whole,
     commands: Numbers,
-    until_ns: int,
+    until_ns: Whole,
     first: int,
     last: int,
     step: Take,
@@ -98,7 +98,7 @@ def advance_all(
     spare: Numbers,
     results: Lanes,
 ) -> None:
-    """Give the bodies from `first` up to `last` their commands, now, and let them go to a time.
+    """Give the bodies from `first` up to `last` their commands, now, and let each go to its time.
 
     Body i is lane i % `LANES` of group i // `LANES`.
 
@@ -106,8 +106,8 @@ def advance_all(
         rows: (groups, ..., `LANES`), of each body the numbers of `stateful_kernel.py`, without weights and rates.
         arcs: (groups, ..., `LANES`), of each body the numbers above.
         whole: (N, `WHOLE`), likewise.
-        commands: (N, wheels), NaN for none.
-        until_ns: the time.
+        commands: (N, wheels + 1), NaN for none; the last is for a change of the load.
+        until_ns: (N,), the times; negative for a body that stays, and gets no command.
         first: body, of lane 0.
         last: behind the last body.
         step: kernel of a step with wheels.
@@ -122,21 +122,25 @@ def advance_all(
         trials = spare[g], step, pair
         for i in range(start, end):
             c, f, w = rows[g, :, i - start], arcs[g, :, i - start], whole[i]
+            w[BESIDE] = 0
+            if until_ns[i] < 0:
+                continue
             if w[LEFT_BEHIND] == 0 and not _begin(c, f, w, commands[i], trials):
                 w[LEFT_BEHIND] = 1
-            w[BESIDE] = 0
             if together != 0 and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
                 w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
         h = expected / NANOSECONDS
         if count >= _FEWEST:
             pairs(rows[g], arcs[g], spare[g], results[g], GRID_POINT, h)
         for i in range(start, end):
+            if until_ns[i] < 0:
+                continue
             c, f, w, r = rows[g, :, i - start], arcs[g, :, i - start], whole[i], results[g, :, i - start]
             if w[BESIDE] != 0 and count >= _FEWEST:
-                if _is_whole_way(c, f, w, r, until_ns, h):
+                if _is_whole_way(c, f, w, r, until_ns[i], h):
                     continue
                 _keep_tried(c, f, r, h)
-            if w[LEFT_BEHIND] == 0 and not _advance(c, f, w, until_ns, trials):
+            if w[LEFT_BEHIND] == 0 and not _advance(c, f, w, until_ns[i], trials):
                 w[LEFT_BEHIND] = 1
 
 
@@ -149,7 +153,8 @@ def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, trials: _Trials)
     omega, (_, _, states) = phase_at(c, CONSTANTS).angular_velocity, layout(c)
     for k in range(len(commands)):
         if not math.isnan(commands[k]):
-            command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
+            if k < int(c[WHEELS]):
+                command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
             begins = True
     return not begins or _begin_arc(c, f, w, trials)
 
@@ -533,5 +538,5 @@ _by_trial = specialise(
 _TAKE = "FunctionType(void(float64[::1], float64))"
 _ARRAYS = "float64[:, :, ::1], float64[:, :, ::1], int64[:, ::1], float64[:, ::1]"
 _KERNELS = f"{_TAKE}, {_TAKE}, FunctionType({SIGNATURE}), int64"
-_SIGNATURE = f"void({_ARRAYS}, int64, int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
+_SIGNATURE = f"void({_ARRAYS}, int64[::1], int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
 ADVANCE_ALL = OnDemand("dop853", advance_all, _SIGNATURE, steps=4.0)

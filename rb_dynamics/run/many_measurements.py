@@ -11,6 +11,7 @@ import math
 from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rb_dynamics.loads.compiled_load import source_numbers
 from rb_dynamics.motion.sensor_kernel import FIND_TRUTHS, READ_ALL
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.run.measurements import SampleTimes
@@ -29,7 +30,7 @@ _AHEAD = 100.0
 
 def shared_by_sensors(scene: Scene) -> Hashable | None:
     """Return what bodies with the sensors of `scene` have in common; None if not all can be read together."""
-    if any(numbers_of(sensor, scene.frames) is None for sensor in scene.sensors):
+    if any(numbers_of(sensor, scene.frames, source_numbers(scene.effects)) is None for sensor in scene.sensors):
         return None
     return tuple((type(each), each.name, each.rate, each.delay) for each in scene.sensors)
 
@@ -54,7 +55,8 @@ class _Sensor:
 
         sensors = [scene.sensors[number] for scene in scenes]
         self._times, self.delay_ns = SampleTimes(sensors[0].rate), nanoseconds(sensors[0].delay)
-        self._numbers = np.array([numbers_of(s, scene.frames) for s, scene in zip(sensors, scenes, strict=True)])
+        each = zip(sensors, scenes, strict=True)
+        self._numbers = np.array([numbers_of(s, scene.frames, source_numbers(scene.effects)) for s, scene in each])
         words = [words_of(sensor, scene.seed) for sensor, scene in zip(sensors, scenes, strict=True)]
         self._words = np.array(words, dtype=np.uint64).view(np.int64)
         self.newest = np.full((len(scenes), READING), math.nan)

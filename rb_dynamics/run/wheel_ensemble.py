@@ -1,4 +1,4 @@
-"""`WheelEnsemble`: many bodies with reaction wheels, which advance and are commanded together, each as if alone.
+"""`WheelEnsemble`: bodies with reaction wheels and magnetorquers, advanced and commanded together, each as if alone.
 
 The bits are those of a `Simulation` of each. It takes what `motion/wheel_arcs_kernel.py` does: bodies with as many
 wheels, under effects that act all the time and have kernels, with one method and a step of whole nanoseconds or an
@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.compiled_load import WIDTH, source_numbers, with_dipoles
+from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
@@ -40,6 +43,8 @@ from rb_dynamics.motion.wheel_arcs_kernel import (
 from rb_dynamics.motion.wheel_lanes_kernel import LANES, pairs_of
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, add, norm, scale
 from rb_dynamics.run.ensemble import body_of_arrays, initial_phases
 from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.sample import Sample, SampleBuilder, torque_impulse
@@ -64,16 +69,24 @@ _AHEAD = 1000.0
 
 def shared_by_wheels(scene: Scene) -> Hashable | None:
     """Return what bodies in one ensemble have in common with that of `scene`; None if it cannot be in one."""
-    wheels, effects = scene.wheels, scene.combined_effects
+    wheels, rods, effects = scene.wheels, rods_of(scene), scene.combined_effects
     lonely = scene.past is not None or not 0 < (scene.end_ns or 0) < _LATEST_NS or scene.body.is_particle
-    others = len(wheels) != len(scene.actuators) or any(channel != Channel(channel.topic) for channel in scene.channels)
+    others = len(wheels) + len(rods) != len(scene.actuators) or any(
+        channel != Channel(channel.topic) for channel in scene.channels
+    )
     if not wheels or lonely or others or not all(wheel.is_balanced for wheel in wheels):
         return None
     numbers = effects.numbers(0.0)
-    changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None or effects.magnetic
-    if numbers is None or changing or _kernels(scene) is None:
+    changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None
+    if numbers is None or changing or _kernels(scene) is None or (rods and source_numbers(scene.effects) is None):
         return None
-    return scene.solver, scene.end_ns, tuple((wheel.name, wheel.command) for wheel in wheels), len(numbers)
+    names = *((wheel.name, wheel.command) for wheel in wheels), *(rod.name for rod in rods)
+    return scene.solver, scene.end_ns, names, len(numbers)
+
+
+def rods_of(scene: Scene) -> list[Magnetorquer]:
+    """Return the magnetorquers of a scene, in its order."""
+    return [actuator for actuator in scene.actuators if isinstance(actuator, Magnetorquer)]
 
 
 def kernels_at_hand(scene: Scene) -> bool:
@@ -113,7 +126,7 @@ class WheelEnsemble:
 
     Attributes:
         time_ns: how far they have come.
-        clipped: commands that the limits of a wheel have reduced, (N,).
+        clipped: commands that the limits of an actuator have reduced, (N,).
     """
 
     def __init__(self, scenes: Sequence[Scene], threads: int | None = None) -> None:
@@ -146,8 +159,8 @@ class WheelEnsemble:
         self._body = body_of_arrays([scene.body for scene in scenes])
         self._start = initial_phases(self._body, [scene.initial for scene in scenes])
         self.time_ns, self.clipped = 0, np.zeros(len(scenes))
-        limits = [[w.max_torque if w.command == "torque" else w.max_speed for w in s.wheels] for s in scenes]
-        self._limits, self._none = np.array(limits), np.full((len(scenes), len(first.wheels)), np.nan)
+        self._limits = np.array([[_limit(each) for each in (*s.wheels, *rods_of(s))] for s in scenes])
+        self._none, self._dipoles = np.full((len(scenes), len(first.wheels) + 1), np.nan), _Dipoles.of(scenes)
         self._commands, self._samples = self._none, cast("WheelSamples | None", None)
         rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
         self._rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
@@ -174,27 +187,47 @@ class WheelEnsemble:
         found: npt.NDArray[np.bool_] = self._whole[:, LEFT_BEHIND] != 0
         return found
 
-    def command(self, commands: Numbers) -> None:
-        """Command the wheels from now on, (N, wheels); NaN for no command."""
+    def command(self, commands: Numbers, which: npt.NDArray[np.bool_] | None = None) -> None:
+        """Command the wheels, then the magnetorquers, (N, actuators), from now on; NaN for no command.
+
+        `which`, (N,), are the bodies that it comes to: without it all.
+        """
         import numpy as np
 
-        beyond = np.abs(commands) > self._limits
+        commands = commands if which is None else np.where(which[:, np.newaxis], commands, np.nan)
+        beyond, wheels = np.abs(commands) > self._limits, self._none.shape[1] - 1
         if beyond.any():
             self.clipped = self.clipped + beyond.sum(axis=1)
             commands = np.where(beyond, np.copysign(self._limits, commands), commands)
-        self._commands = np.where(np.isnan(commands), self._commands, commands)
+        told = np.concatenate((commands[:, :wheels], self._none[:, wheels:]), axis=1)
+        if self._dipoles is not None:
+            rods = commands[:, wheels:]
+            told[:, wheels] = np.where(np.isnan(rods).all(axis=1), np.nan, 1.0)
+            ends, body = self._dipoles.commanded(rods), np.arange(len(self))
+            self._rows[body // LANES, -ends.shape[1] :, body % LANES] = ends
+        self._commands = np.where(np.isnan(told), self._commands, told)
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to `time_ns`, not before the last time."""
+        import numpy as np
+
         if time_ns == self.time_ns and self._commands is self._none and self._samples is not None:
             return
-        self._samples = None
-        what = self._rows, self._arcs, self._whole, self._commands
-        each_part(
-            lambda part: self._kernel(*what, time_ns, *part, *self._handed),
-            parts_of(len(self), LANES, self._threads, _STEPS),
-        )
+        self._go_to(np.full(len(self), time_ns))
         self.time_ns, self._commands = time_ns, self._none
+
+    def advance_some(self, times_ns: npt.NDArray[np.int64], which: npt.NDArray[np.bool_]) -> None:
+        """Advance the bodies `which`, (N,), each to its own time."""
+        import numpy as np
+
+        self._go_to(np.where(which, times_ns, -1))
+        self._commands = np.where(which[:, np.newaxis], np.nan, self._commands)
+
+    def _go_to(self, until_ns: npt.NDArray[np.int64]) -> None:
+        self._samples = None
+        what = self._rows, self._arcs, self._whole, self._commands, until_ns
+        parts = parts_of(len(self), LANES, self._threads, _STEPS)
+        each_part(lambda part: self._kernel(*what, *part, *self._handed), parts)
 
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
@@ -300,6 +333,46 @@ class WheelSamples(Samples):
         return [torque_impulse(first, sample) for first, sample in self._told]
 
 
+def _limit(actuator: Actuator) -> float:
+    """Return the largest size of its commands."""
+    if isinstance(actuator, ReactionWheel):
+        return actuator.max_torque if actuator.command == "torque" else actuator.max_speed
+    assert isinstance(actuator, Magnetorquer)
+    return actuator.max_dipole
+
+
+class _Dipoles:
+    """The magnetorquers of N bodies."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        """Begin without commands."""
+        import numpy as np
+
+        rods = [rods_of(scene) for scene in scenes]
+        self._values = np.zeros((len(scenes), len(rods[0])))
+        self._axes = np.array([[rod.axis for rod in each] for each in rods])
+        self._lengths = np.array([[norm(rod.axis) for rod in each] for each in rods])
+        self._principal: Any = tuple(np.array([scene.body.principal_orientation_xyzw for scene in scenes]).T)
+        self._numbers = np.array([scene.combined_effects.numbers(0.0) for scene in scenes])
+        self._sources = np.array([source_numbers(scene.effects) for scene in scenes])
+
+    @classmethod
+    def of(cls, scenes: Sequence[Scene]) -> _Dipoles | None:
+        """Return those of bodies that have some."""
+        return cls(scenes) if rods_of(scenes[0]) else None
+
+    def commanded(self, dipoles: Numbers) -> Numbers:
+        """Command dipoles, (N, rods), NaN for no command; return the numbers of the effects with them."""
+        import numpy as np
+
+        self._values = np.where(np.isnan(dipoles), self._values, dipoles)
+        # As `ActuatorBank.dipole` adds them up.
+        total: Any = ZERO
+        for k in range(self._values.shape[1]):
+            total = add(total, scale(self._values[:, k] / self._lengths[:, k], tuple(self._axes[:, k].T)))
+        return with_dipoles(self._numbers, self._sources, np.stack(rotate_inverse(self._principal, total), axis=1))
+
+
 def _in_lanes(rows: Sequence[Sequence[float]]) -> Numbers:
     """Return rows in groups of `LANES`, (groups, ..., `LANES`); the last one stands for those that are missing."""
     import numpy as np
@@ -318,6 +391,9 @@ def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[fl
     phase = PhaseState.of(scene.body, scene.initial)
     phase = phase.with_inner(wheels.begin(phase.angular_velocity))
     held, effects = in_principal_axes(scene.body, HeldWrench()), scene.combined_effects.numbers(0.0) or ()
+    if rods_of(scene):
+        # Room for a dipole.
+        effects = *(0.0,) * WIDTH, *effects
     steps = StatefulSteps(kernels, inertia, held, wheels.now, effects)
     numbers = [*phase.orientation, *phase.angular_velocity, *phase.high[:14], *phase.low[:14]]
     numbers += [*phase.high[14:], *phase.low[14:]]

@@ -1,19 +1,23 @@
 """Readings of one sensor on many bodies at one time, in one compiled call, with the bits of the readings of each alone.
 
-For inertial measurement units (their gyros), star trackers and motion capture.
+For inertial measurement units (their gyros), magnetometers, star trackers and motion capture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rb_dynamics.loads.compiled_load import source_at
+from rb_dynamics.loads.magnetic_field import flux_density
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.compilation import lane
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import Vector, add
+from rb_dynamics.numerics.vector import ZERO, Vector, add
 from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, moved, turned
 from rb_dynamics.sensors.axis_errors import AxisNumbers, measured
 from rb_dynamics.sensors.imu import Imu
+from rb_dynamics.sensors.magnetometer import Magnetometer
 from rb_dynamics.sensors.random_numbers import key_of, uniform_numbers
 from rb_dynamics.sensors.sensor import DROPOUT, Sensor
 
@@ -25,18 +29,21 @@ if TYPE_CHECKING:
 
     Whole = npt.NDArray[np.int64]
 
-# Numbers of a sensor: kind, dropout and place on the body, then those of its kind; for gyros the bias at the next
-# sample comes first.
-_GYRO, _TRACKER, _POSE = 1.0, 2.0, 3.0
-_DROPOUT, _POSITION, _AXES, _OWN, _NUMBERS = 1, 2, 5, 9, 23
+# Numbers of a sensor: kind, dropout and place on the body, then those of its kind; for gyros and magnetometers the bias
+# at the next sample comes first, and the source of the field last.
+_GYRO, _TRACKER, _POSE, _FIELD = 1.0, 2.0, 3.0, 4.0
+_DROPOUT, _POSITION, _AXES, _OWN, _SOURCE, _NUMBERS = 1, 2, 5, 9, 23, 33
 
 LOST, VALUE, IN_BODY, READING = 0, 1, 8, 12
-"""In a reading: whether it is lost; position, if it measures that, and behind it angular velocity or attitude, in the
-frames of the message; and the latter for the body, in its axes."""
+"""In a reading: whether it is lost; position, if it measures that, and behind it angular velocity, field or attitude,
+in the frames of the message; and angular velocity or attitude of the body, in its axes."""
 
 
-def numbers_of(sensor: Sensor, frames: WrenchFrames) -> tuple[float, ...] | None:
-    """Return the numbers of a sensor before its first sample; None if its readings have no kernel."""
+def numbers_of(sensor: Sensor, frames: WrenchFrames, source: Sequence[float] | None) -> tuple[float, ...] | None:
+    """Return the numbers of a sensor before its first sample; None if its readings have no kernel.
+
+    `source` is that of the magnetic field, see `source_numbers`.
+    """
     kind = type(sensor)
     place = sensor.fixed(frames)
     before = (sensor.dropout, *place.position, *place.orientation_xyzw)
@@ -44,6 +51,9 @@ def numbers_of(sensor: Sensor, frames: WrenchFrames) -> tuple[float, ...] | None
     if kind is Imu and isinstance(sensor, Imu):
         turn, gain, *others = sensor.gyro.numbers(sensor.rate)
         found = (_GYRO, *before, *sensor.gyro.bias, *turn, *gain, *others)
+    elif kind is Magnetometer and isinstance(sensor, Magnetometer) and source is not None:
+        turn, gain, *others = sensor.errors.numbers(sensor.rate)
+        found = (_FIELD, *before, *sensor.errors.bias, *turn, *gain, *others, *source)
     elif kind is StarTracker and isinstance(sensor, StarTracker):
         found = (_TRACKER, *before, sensor.noise)
     elif kind is PoseSensor and isinstance(sensor, PoseSensor):
@@ -62,6 +72,8 @@ def parts_of(sensor: Sensor) -> dict[str, slice]:
     """Return where in a reading each of its values stands."""
     if isinstance(sensor, Imu):
         return {"angular_velocity": slice(VALUE, VALUE + 3)}
+    if isinstance(sensor, Magnetometer):
+        return {"magnetic_field": slice(VALUE, VALUE + 3)}
     if isinstance(sensor, PoseSensor):
         return {"position_world": slice(VALUE, VALUE + 3), "orientation_xyzw": slice(VALUE + 3, VALUE + 7)}
     return {"orientation_xyzw": slice(VALUE, VALUE + 4)}
@@ -84,11 +96,14 @@ def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found:
         place: Vector = (n[_POSITION], n[_POSITION + 1], n[_POSITION + 2])
         axes: Quaternion = (n[_AXES], n[_AXES + 1], n[_AXES + 2], n[_AXES + 3])
         sensed, k, at = multiply(orientation, axes), _OWN, VALUE
-        if n[0] == _GYRO:
+        if n[0] == _GYRO or n[0] == _FIELD:
             turn: Quaternion = (n[k + 3], n[k + 4], n[k + 5], n[k + 6])
             errors = AxisNumbers(turn, (n[k + 7], n[k + 8], n[k + 9]), n[k + 10], n[k + 11], n[k + 12], n[k + 13])
-            rate = rotate_inverse(axes, (t[7], t[8], t[9]))
-            value, bias = measured(errors, (n[k], n[k + 1], n[k + 2]), key, 0, sample, rate)
+            true = rotate_inverse(axes, (t[7], t[8], t[9]))
+            if n[0] == _FIELD:
+                there = add((t[0], t[1], t[2]), rotate(orientation, place))
+                true = rotate_inverse(sensed, add(ZERO, flux_density(source_at(n, _SOURCE), there)))
+            value, bias = measured(errors, (n[k], n[k + 1], n[k + 2]), key, 0, sample, true)
             n[k], n[k + 1], n[k + 2] = bias
             r[at], r[at + 1], r[at + 2] = value
             r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2] = rotate(axes, value)

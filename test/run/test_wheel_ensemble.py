@@ -12,6 +12,8 @@ import pytest
 from rb_dynamics import RigidBody, Scene, State
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.motion.arc import Stepper
@@ -193,5 +195,9 @@ def test_only_what_kernels_know_is_in_an_ensemble() -> None:
     assert shared_by_wheels(replace(scene, actuators=())) is None
     assert shared_by_wheels(replace(scene, solver=Solver("radau", accuracy=1e-6))) is None
     assert shared_by_wheels(replace(scene, solver=Solver("dop853", step=1.0 / 3.0, accuracy=None))) is None
+    field = replace(scene, effects=(MagneticField("uniform", (1e-5, 0.0, 0.0)),))
+    rods = replace(field, actuators=(*scene.wheels, Magnetorquer(name="rod", axis=(1.0, 0.0, 0.0), max_dipole=1.0)))
+    assert None is not shared_by_wheels(rods) != shared_by_wheels(field)
+    assert shared_by_wheels(replace(rods, effects=field.effects * 2)) is None
     shaking = replace(scene.wheels[0], dynamic_imbalance=1e-8)
     assert shared_by_wheels(replace(scene, actuators=(shaking, *scene.wheels[1:]))) is None

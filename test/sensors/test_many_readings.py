@@ -10,6 +10,8 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
+from rb_dynamics.loads.compiled_load import source_numbers
+from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.motion.sensor_kernel import READ_ALL
 from rb_dynamics.numerics.compilation import available
@@ -18,6 +20,7 @@ from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, SunSensor
 from rb_dynamics.sensors.axis_errors import AxisErrors
 from rb_dynamics.sensors.imu import Imu
+from rb_dynamics.sensors.magnetometer import Magnetometer
 from rb_dynamics.sensors.many_readings import LOST, READING, numbers_of, parts_of, read_all, words_of
 from rb_dynamics.sensors.random_numbers import key_of, normal_numbers, uniform_numbers
 from rb_dynamics.sensors.sensor import Sensor, Truth
@@ -32,7 +35,16 @@ SENSORS = [
     StarTracker(name="exact", rate=5.0),
     PoseSensor(name="pose", rate=5.0, frame="skew", position_noise=1e-3, orientation_noise=1e-3),
     PoseSensor(name="place", rate=5.0, position_noise=0.0),
+    Magnetometer(
+        name="mag",
+        rate=2.0,
+        frame="skew",
+        dropout=0.1,
+        errors=AxisErrors(1e-3, 1e-4, (1e-3, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.1, 0.0), 1.0, 1e-4),
+    ),
 ]
+FIELD = MagneticField("dipole", moment_world=(1e6, 0.0, -3e6), center_world=(1.0, 2.0, 3.0))
+SOURCE = source_numbers([FIELD])
 
 
 def truths(count: int) -> list[tuple[float, ...]]:
@@ -46,7 +58,7 @@ def alone(sensor: Sensor, seed: int, samples: list[tuple[float, ...]]) -> list[t
     reading, found = sensor.reading(seed, FRAMES), []
     for number, row in enumerate(samples):
         q, w = (row[3], row[4], row[5], row[6]), (row[7], row[8], row[9])
-        truth = Truth((row[0], row[1], row[2]), q, w, lambda: (ZERO, ZERO), lambda _: ZERO, lambda _: ZERO)
+        truth = Truth((row[0], row[1], row[2]), q, w, lambda: (ZERO, ZERO), lambda _: ZERO, FIELD.magnetic_field())
         found.append(reading(number, truth))
     return found
 
@@ -62,7 +74,7 @@ def test_each_reading_has_the_bits_of_itself_alone(
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always" if compiled else "never")
     kernel, seeds, samples = READ_ALL.get(1.0, 1.0) or read_all, [0, 5, 2**53], 20
     rows = truths(samples * len(seeds))
-    numbers = np.array([numbers_of(sensor, FRAMES) for _ in seeds])
+    numbers = np.array([numbers_of(sensor, FRAMES, SOURCE) for _ in seeds])
     words = np.array([words_of(sensor, seed) for seed in seeds], dtype=np.uint64).view(np.int64)
     found = []
     for number in range(samples):
@@ -81,12 +93,13 @@ def test_each_reading_has_the_bits_of_itself_alone(
 
 
 def test_a_sensor_without_a_kernel_has_no_numbers() -> None:
-    assert numbers_of(SunSensor(name="sun", rate=1.0, direction_world=(1.0, 0.0, 0.0)), FRAMES) is None
+    assert numbers_of(SunSensor(name="sun", rate=1.0, direction_world=(1.0, 0.0, 0.0)), FRAMES, SOURCE) is None
+    assert numbers_of(SENSORS[-1], FRAMES, None) is None
 
     class Derived(StarTracker):
         pass
 
-    assert numbers_of(Derived(name="tracker", rate=1.0), FRAMES) is None
+    assert numbers_of(Derived(name="tracker", rate=1.0), FRAMES, SOURCE) is None
 
 
 def test_normal_numbers_are_those_of_the_standard_library() -> None:
@@ -100,4 +113,4 @@ def test_normal_numbers_are_those_of_the_standard_library() -> None:
 
 def test_the_frame_of_a_sensor_counts() -> None:
     tracker = SENSORS[3]
-    assert numbers_of(tracker, FRAMES) != numbers_of(replace(tracker, frame=""), FRAMES)
+    assert numbers_of(tracker, FRAMES, None) != numbers_of(replace(tracker, frame=""), FRAMES, None)

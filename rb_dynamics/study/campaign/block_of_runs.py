@@ -240,7 +240,7 @@ def _bodies(campaign: Campaign, runs: Sequence[_Run], threads: int | None) -> Bo
 
 def _advance(
     campaign: Campaign,
-    bodies: Bodies,
+    bodies: Bodies | WithWheels,
     runs: Sequence[_Run],
     metrics: MetricAccumulator,
     watch: Callable[[Samples], None] | None = None,
@@ -251,7 +251,7 @@ def _advance(
     """
     scene = runs[0].scene
     end_ns = scene.end_ns or 0
-    loop = _closed(campaign, runs)
+    loop = _closed(campaign, runs, bodies)
     next_look_ns = next_sample_ns = 0
     while True:
         sampling = loop is not None and loop.period_ns > 0 and next_sample_ns < end_ns
@@ -274,18 +274,19 @@ def _advance(
                 next_sample_ns += loop.period_ns
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
             return bodies.failed if loop is None else loop.end()
-        if loop is not None and (held := loop.commanded(time_ns)) is not None:
+        if loop is not None and not isinstance(bodies, WithWheels) and (held := loop.commanded(time_ns)) is not None:
             bodies.hold(*held)
 
 
 class _Closed:
     """Controllers, and the commands that wait for their delay."""
 
-    def __init__(self, loop: ControlLoop, period_ns: int, delays_ns: Sequence[int]) -> None:
+    def __init__(self, loop: ControlLoop, period_ns: int, delays_ns: Sequence[int], bodies: WithWheels | None) -> None:
+        """Control `bodies`; those without wheels are told of each command at its time."""
         import numpy as np
 
         self.period_ns, self.failed = period_ns, loop.failed
-        self._loop = loop
+        self._loop, self._bodies, self._delays_ns = loop, bodies, np.array(delays_ns)
         self._groups = [(delay, np.array(delays_ns) == delay) for delay in sorted(set(delays_ns))]
         self._waiting: list[tuple[int, int, int]] = []
         self._commands: dict[int, Commands] = {}
@@ -301,6 +302,9 @@ class _Closed:
         """Evaluate the law; its commands wait for the delay."""
         commands = self._loop.commands(samples, onboard)
         if not commands:
+            return
+        if self._bodies is not None:
+            self._bodies.hold(commands, time_ns + self._delays_ns)
             return
         self._commands[self._count] = commands
         for group, (delay, _) in enumerate(self._groups):
@@ -332,7 +336,7 @@ class _Closed:
         return (self._held, new) if new else None
 
 
-def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
+def _closed(campaign: Campaign, runs: Sequence[_Run], bodies: Bodies | WithWheels) -> _Closed | None:
     import numpy as np
 
     control = campaign.control
@@ -340,4 +344,5 @@ def _closed(campaign: Campaign, runs: Sequence[_Run]) -> _Closed | None:
         return None
     values = {each.name: np.array([run.values[each.name] for run in runs]) for each in campaign.inputs}
     loop = ControlLoop(campaign, control, [run.number for run in runs], values, [run.scene.body for run in runs])
-    return _Closed(loop, control.period_ns, [delay_ns(control, run.values) for run in runs])
+    delays_ns = [delay_ns(control, run.values) for run in runs]
+    return _Closed(loop, control.period_ns, delays_ns, bodies if isinstance(bodies, WithWheels) else None)

@@ -295,12 +295,12 @@ class Alone:
 
         sample, effects, newest = self._seen, self._scene.combined_effects, self._newest
         speeds = zip(self._scene.wheels, sample.wheel_speeds or (), strict=True)
-        field = (
-            np.array([effects.magnetic_field(sample.time_ns / NANOSECONDS)(sample.position_world)])
-            if effects.magnetic
-            else None
+        field = effects.magnetic_field(sample.time_ns / NANOSECONDS) if effects.magnetic else None
+        found = OnboardValues(
+            {},
+            {wheel.name: np.array([speed]) for wheel, speed in speeds},
+            None if field is None else lambda: np.array([field(sample.position_world)]),
         )
-        found = OnboardValues({}, {wheel.name: np.array([speed]) for wheel, speed in speeds}, field)
         if newest is None:
             return found
         attitude, rate = newest.orientation(), newest.angular_velocity()

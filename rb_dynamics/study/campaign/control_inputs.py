@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -51,7 +51,7 @@ class OnboardValues(NamedTuple):
     Attributes:
         sensors: newest message of each, by name.
         wheel_speeds: relative to the body, rad/s, (N,), by name of the wheel.
-        magnetic_field_world: flux density at the body origin, T, (N, 3); None without a field.
+        field_world: returns the magnetic flux density at the body origin, T, (N, 3); None without a field.
         orientation_xyzw: body to world, as first sensor that measures it says, (N, 4); None if there is none.
         angular_velocity_body: rad/s, (N, 3), likewise.
         silent: sensors without a message so far, except those that may have nothing to report.
@@ -59,7 +59,7 @@ class OnboardValues(NamedTuple):
 
     sensors: Mapping[str, SensorReading] = MappingProxyType({})
     wheel_speeds: Mapping[str, Numbers] = MappingProxyType({})
-    magnetic_field_world: Numbers | None = None
+    field_world: Callable[[], Numbers] | None = None
     orientation_xyzw: Numbers | None = None
     angular_velocity_body: Numbers | None = None
     silent: tuple[str, ...] = ()

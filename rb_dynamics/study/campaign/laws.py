@@ -56,7 +56,6 @@ class LawInput:
             measures: `angular_velocity`, `specific_force`, `magnetic_field`, `direction` (N, 3) in the axes of the
             sensor, `orientation_xyzw` (N, 4) sensor to world, `position_world` (N, 3). NaN before the first message.
         wheel_speeds: of each reaction wheel, relative to the body, rad/s, (N,), by its name.
-        magnetic_field_world: flux density of the scene's field at the body origin, T, (N, 3); None without a field.
         random: streams of random numbers.
     """
 
@@ -71,8 +70,13 @@ class LawInput:
         """Make the input of a law; None for what no sensor measures."""
         self.time_s, self.random = time_s, random
         self.sensors, self.wheel_speeds = onboard.sensors, onboard.wheel_speeds
-        self.magnetic_field_world = onboard.magnetic_field_world
+        self._field = onboard.field_world
         self._orientation, self._rate = orientation_xyzw, angular_velocity_body
+
+    @cached_property
+    def magnetic_field_world(self) -> Numbers | None:
+        """Flux density of the scene's field at the body origin, T, (N, 3); None without a field."""
+        return None if self._field is None else self._field()
 
     @property
     def orientation_xyzw(self) -> Numbers:

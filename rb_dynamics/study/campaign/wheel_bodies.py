@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.many_measurements import ManyMeasurements, shared_by_sensors
 from rb_dynamics.run.many_measurements import kernel_at_hand as sensors_at_hand
 from rb_dynamics.run.sample_arrays import Samples
-from rb_dynamics.run.wheel_ensemble import WheelEnsemble, shared_by_wheels
+from rb_dynamics.run.wheel_ensemble import WheelEnsemble, rods_of, shared_by_wheels
 from rb_dynamics.run.wheel_ensemble import kernels_at_hand as wheels_at_hand
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.many_readings import IN_BODY, parts_of
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from rb_dynamics.numerics.array_types import Numbers
+
+    Times = npt.NDArray[np.int64]
 
 
 class NotTogetherError(Exception):
@@ -110,6 +113,11 @@ class WithWheels:
         except LookupError as error:
             raise NotTogetherError from error
         self._wheels = {wheel.name: k for k, wheel in enumerate(self._scene.wheels)}
+        actuators = *self._wheels, *(rod.name for rod in rods_of(self._scene))
+        self._actuators = {name: k for k, name in enumerate(actuators)}
+        self._effects = [scene.combined_effects for scene in scenes]
+        # Commands, in the order of their samples: when they take effect, values, and for which bodies they have yet to.
+        self._waiting: list[tuple[Times, Numbers, npt.NDArray[np.bool_]]] = []
         self._apart = np.zeros(len(scenes), dtype=np.bool_)
         self.failed: Mapping[int, str] = {}
         self.lacking = self._heard = False
@@ -130,7 +138,15 @@ class WithWheels:
 
     def onboard(self) -> OnboardValues:
         """Return what a controller can measure; see `Bodies`."""
-        found = OnboardValues({}, _Speeds(self._wheels, self._ensemble.samples()))
+        import numpy as np
+
+        samples, time_s = self._ensemble.samples(), self._ensemble.time_ns / NANOSECONDS
+
+        def field() -> Numbers:
+            effects = zip(self._effects, samples.position_world.tolist(), strict=True)
+            return np.array([each.magnetic_field(time_s)((x, y, z)) for each, (x, y, z) in effects])
+
+        found = OnboardValues({}, _Speeds(self._wheels, samples), field if self._effects[0].magnetic else None)
         if self._sensing is None:
             return found
         self._sensing.deliver(self._ensemble.time_ns)
@@ -172,20 +188,20 @@ class WithWheels:
         self._heard = not silent.any()
         return tuple(sensor.name for sensor, is_silent in zip(self._scene.sensors, most, strict=True) if is_silent)
 
-    def hold(self, commands: Mapping[str, Numbers], new: Mapping[str, npt.NDArray[np.bool_]]) -> None:
-        """Command the wheels; see `Bodies`.
+    def hold(self, commands: Mapping[str, Numbers], times_ns: Times) -> None:
+        """Command the actuators, each body from its time on, (N,).
 
         Raises:
             NotTogetherError: something else is commanded.
         """
         import numpy as np
 
-        values = np.full((len(self._ensemble), len(self._wheels)), np.nan)
-        for name, changed in new.items():
-            if name not in self._wheels:
+        values = np.full((len(self._ensemble), len(self._actuators)), np.nan)
+        for name, column in commands.items():
+            if name not in self._actuators:
                 raise NotTogetherError
-            np.copyto(values[:, self._wheels[name]], commands[name], where=changed)
-        self._ensemble.command(values)
+            values[:, self._actuators[name]] = column
+        self._waiting.append((times_ns, values, np.ones(len(values), dtype=np.bool_)))
 
     def require_all(self) -> None:
         """Require that laws have asked only for what is there.
@@ -204,6 +220,17 @@ class WithWheels:
         """
         self.require_all()
         while self._sensing is not None and self._sensing.due_ns <= time_ns:
-            self._ensemble.advance_to(self._sensing.due_ns)
+            self._go_to(self._sensing.due_ns)
             self._sensing.take(self._ensemble.samples().phases, self._ensemble.time_ns)
+        self._go_to(time_ns)
+
+    def _go_to(self, time_ns: int) -> None:
+        """Advance, with the commands that take effect before then."""
+        for times_ns, values, waits in self._waiting:
+            now = waits & (times_ns < time_ns)
+            if now.any():
+                self._ensemble.advance_some(times_ns, now)
+                self._ensemble.command(values, now)
+                waits[now] = False
+        self._waiting = [each for each in self._waiting if each[2].any()]
         self._ensemble.advance_to(time_ns)

@@ -161,6 +161,39 @@ def test_laws_of_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: st
     assert (sorted(apart) == [0, 1, 2, 3]) == alone
 
 
+@pytest.mark.parametrize(
+    "field", ["dipole, moment_world: [1.0e+22, 0, -7.8e+22]", "uniform, field_world: [2.0e-5, 0, 3.0e-5]"]
+)
+def test_magnetorquers_and_magnetometers_go_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str
+) -> None:
+    """Each run with a delay of its own, up to more than two periods; dipoles that are not commanded at every sample."""
+    apart = alone_in(monkeypatch)
+    entry = f"{{type: magnetic_field, model: {field}}}"
+    devices = """\
+  - {type: magnetorquer, name: rod_a, axis: [1, 1, 0], max_dipole: 20.0}
+  - {type: magnetorquer, name: rod_b, axis: [0, 0, -2], max_dipole: 5.0}
+sensors:
+  - {type: magnetometer, name: mag, frame: skew, rate: 4.0, noise_density: 1.0e-7, random_walk: 1.0e-8,
+     bias: [1.0e-6, 0, 0]}
+"""
+    scene = SATELLITE.replace("gradient: true}]", f"gradient: true}}, {entry}]").replace("sensors:\n", devices)
+    body = """
+        if calls % 3 != 1:
+            found["rod_a"] = 2.0e7 * measured.sensors["mag"].magnetic_field[:, 1] * rate[:, 0]
+        found["rod_b"] = 3.0e7 * measured.magnetic_field_world[:, 2] * rate[:, 1] * (calls % 2)
+"""
+    (tmp_path / "own.py").write_text(LAW.replace("        BODY\n", body), encoding="utf-8")
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    text = text.replace("choice: {values: [0.0, 0.07, 0.25]}", "uniform: {low: 0.0, high: 0.45}")
+    rows = require_rows_of_runs_alone(read_campaign(write(tmp_path, text, scene)), 6)
+    still = simulate_block(
+        read_campaign(write(tmp_path, text, scene.replace("max_dipole: 20.0", "max_dipole: 1.0e-9"))), 0, 6
+    )
+    assert len(apart) < 6
+    assert (rows["final_rate"] != still["final_rate"]).all()
+
+
 def test_a_law_that_fails_for_one_run_fails_that_run(tmp_path: Path) -> None:
     body = "if (rate[:, 0] > 0.01).any() and calls > 8:\n            raise ValueError('too fast')"
     (tmp_path / "own.py").write_text(LAW.replace("BODY", body), encoding="utf-8")
