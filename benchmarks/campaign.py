@@ -12,6 +12,7 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `effects`: COUNT runs (default 500) of that with one effect, against the same runs without.
 `accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
     alone, in turn.
+`spacecraft`: COUNT runs (default 400) of config/campaigns/spacecraft.yaml, as `accuracy`.
 `satellite`: COUNT runs (default 200) of 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and
     star tracker at 2 Hz, attitude_pd, gravity gradient; Basilisk as for `peer`, with steps of 0.1 s.
 `memory`: memory of a worker.
@@ -37,6 +38,7 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 DETUMBLE = ROOT / "config" / "campaigns" / "detumble.yaml"
 CAPTURE = ROOT / "config" / "campaigns" / "capture.yaml"
+SPACECRAFT = ROOT / "config" / "campaigns" / "spacecraft.yaml"
 MOMENTS, RATE, GAIN = (0.112, 0.135, 0.186), (0.05, 0.1, -0.03), 0.01
 STEP, SAMPLE, END = 0.05, 0.5, 300.0
 REPEATS = 3
@@ -342,20 +344,20 @@ def under_effects(runs: int) -> None:
             print(f"{kind:<16} {under * 1e3:9.3f} ms a run, {under / without:.1f} times as long", flush=True)
 
 
-def by_accuracy(runs: int) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
+def by_accuracy(path: Path, runs: int) -> None:
+    from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block, values_of
     from rb_dynamics.study.campaign.read import read_campaign
     from rb_dynamics.study.campaign.scenes import Scenes
 
-    found, few = read_campaign(CAPTURE), min(runs, 20)
+    found, few = read_campaign(path, {"runs": runs}), min(runs, 20)
     scenes, ratios = Scenes(found), []
-    values = {each.name: 1.0 if "second_moment" in each.name else 0.0 for each in found.inputs}
+    values = [values_of(found, run) for run in range(few)]
     for _ in range(2):
         simulate_block(found, 0, runs, 1)
     for _ in range(5):
         block = seconds(lambda: simulate_block(found, 0, runs, 1), 1) / runs
         alone = seconds(lambda: [simulate_alone(found, run) for run in range(few)], 1) / few
-        making = seconds(lambda: [scenes.scene(values) for _ in range(few)], 1) / few
+        making = seconds(lambda: [scenes.scene(values[run], run) for run in range(few)], 1) / few
         ratios.append((alone / block, block, alone, making))
     ratio, block, alone, making = sorted(ratios)[2]
     print(f"in a block  {block * 1e3:9.3f} ms a run, {1.0 / block:8.0f} runs a second on one core")
@@ -524,7 +526,19 @@ def memory() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=("runs", "workers", "limits", "peer", "effects", "accuracy", "memory", "satellite", *PEERS)
+        "what",
+        choices=(
+            "runs",
+            "workers",
+            "limits",
+            "peer",
+            "effects",
+            "accuracy",
+            "memory",
+            "satellite",
+            "spacecraft",
+            *PEERS,
+        ),
     )
     parser.add_argument("count", nargs="?", type=int)
     parser.add_argument("--basilisk", default=sys.executable, metavar="PYTHON")
@@ -540,7 +554,9 @@ def main() -> None:
     elif args.what == "effects":
         under_effects(args.count or 500)
     elif args.what == "accuracy":
-        by_accuracy(args.count or 200)
+        by_accuracy(CAPTURE, args.count or 200)
+    elif args.what == "spacecraft":
+        by_accuracy(SPACECRAFT, args.count or 400)
     elif args.what == "satellite":
         satellite(args.count or 200, args.basilisk)
     elif args.what == "memory":
