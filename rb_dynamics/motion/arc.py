@@ -250,15 +250,23 @@ class Arc:
         end = self._reached + self._next_stride()
         return self._start_ns - (-end // self._control.denominator)
 
+    def ahead(self) -> PhaseState:
+        """Return the phase at the next grid point, without going there.
+
+        Raises:
+            ConvergenceError: the step could not be solved.
+        """
+        stride = self._next_stride()
+        return self._after or self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
+
     def _next_stride(self) -> int:
         if self._stride is None:
             self._stride, self._after = self._control.stride(self._phase, self._advance)
         return self._stride
 
     def _take_stride(self) -> None:
-        stride = self._next_stride()
-        self._phase = self._after or self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
-        self._reached += stride
+        self._phase = self.ahead()
+        self._reached += self._next_stride()
         self._stride = self._after = None
         self._count(1)
 

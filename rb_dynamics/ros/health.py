@@ -94,9 +94,11 @@ class Health:
         return self._pause or self._failure
 
     def paused(self, message: str) -> None:
-        """Record why the run is paused, until it continues."""
-        self._pause = _cut(message)
-        self._say(ERROR, self._pause)
+        """Record why the run is paused, until it continues; what is recorded already is not said again."""
+        message = _cut(message)
+        if message != self._pause:
+            self._say(ERROR, message)
+        self._pause = message
 
     def went_on(self) -> None:
         """The run continues; the newest warning says that it was paused, and why."""

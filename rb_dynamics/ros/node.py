@@ -22,12 +22,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 from geometry_msgs.msg import Wrench, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -87,6 +88,16 @@ _COMPILE = "RB_DYNAMICS_COMPILE"
 
 # ns between the ticks of a timer: so soon are commands and services noticed, and so seldom is the executor woken.
 _SHORTEST_TICK_NS, _LONGEST_TICK_NS = 500_000, 10_000_000
+
+
+class _Change(NamedTuple):
+    """Parameters set together, checked as one change."""
+
+    factor: float | None
+    scene: Scene | None
+    initial_only: bool
+    move: StateChange | None
+    parameters: Sequence[Parameter]
 
 
 class RigidBodyNode(Node):
@@ -165,7 +176,9 @@ class RigidBodyNode(Node):
             event_callbacks=SubscriptionEventCallbacks(matched=self._on_state_senders),
         )
         self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/step", self._on_step)
+        # A group of its own: a long step must not block ~/pause or commands.
+        group = MutuallyExclusiveCallbackGroup()
+        self.create_service(Trigger, "~/step", self._on_step, callback_group=group)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.runner.start()
         for _, log in self._logs:
@@ -439,12 +452,12 @@ class RigidBodyNode(Node):
         response.success, response.message = True, "paused" if request.data else "running"
         return response
 
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self.runner.stands_still:
             response.success, response.message = False, "only while paused or in lockstep: call ~/pause first"
             return response
-        self.runner.step()
-        response.success, response.message = True, "one output period more"
+        failure = await self.runner.stepped()
+        response.success, response.message = not failure, failure or "one output period more"
         return response
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -482,7 +495,7 @@ class RigidBodyNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _checked(self, parameters: Sequence[Parameter]) -> tuple[float | None, Scene | None, bool, Sequence[Parameter]]:
+    def _checked(self, parameters: Sequence[Parameter]) -> _Change:
         overrides = scene_overrides(parameters)
         initial_only = all(name.startswith("initial.") for name in overrides)
         if not initial_only and not self.runner.paused:
@@ -499,23 +512,21 @@ class RigidBodyNode(Node):
         scene = self.runner.changed(overrides) if overrides else None
         if scene is not None:
             require_paceable(scene)
-        state = changed_state(parameters, self.runner.state)
-        if state is not None:
-            StateChange.to(state, self.runner.scene.body)
-        return factor, scene, initial_only, parameters
+        # What is checked is what will be done: no time passes between.
+        self.runner.catch_up()
+        move = self.runner.rehearse(None if initial_only else scene, changed_state(parameters, self.runner.state))
+        return _Change(factor, scene, initial_only, move, parameters)
 
     def _after_set_parameters(self, _: Sequence[Parameter]) -> None:
-        factor, scene, initial_only, parameters = self._change
-        if factor is not None:
-            self.runner.pace(factor)
+        change = self._change
+        if change.factor is not None:
+            self.runner.pace(change.factor)
         try:
-            if scene is not None:
-                self.runner.change(scene, initial_only)
-            self.runner.catch_up()
-            state = changed_state(parameters, self.runner.state)
-            if state is not None:
-                self.runner.set_state(state)
-            values = ((each.name, each.value) for each in parameters)
+            if change.scene is not None:
+                self.runner.change(change.scene, change.initial_only)
+            if change.move is not None:
+                self.runner.simulation.move(change.move)
+            values = ((each.name, each.value) for each in change.parameters)
             changes = ", ".join(f"{name} = {list(to) if isinstance(to, array) else to}" for name, to in values)
             self._health.told(f"parameters set at {self.runner.shown_time}: {changes}")
         except RigidBodyError as error:
@@ -650,6 +661,8 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
         # A command carries its arrival time, so it acts no later for being taken late.
         for node in running:
             node.tick()
+    # What waited for the last output is answered.
+    spin_some(executor)
 
 
 def spin_some(executor: SingleThreadedExecutor) -> None:

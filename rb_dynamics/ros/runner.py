@@ -7,8 +7,9 @@ balances start again there. Stamps and held commands continue. A change of state
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import coroutine
 from typing import Protocol
 
 from rb_dynamics.body.state import State
@@ -215,6 +216,26 @@ class Runner:
         self.stopped = False
         self.steps_left += count
 
+    async def stepped(self, count: int = 1) -> str:
+        """Let time advance as `step` does; when that is done, return why it was not, or ""."""
+        before, interruptions = self.simulation, self.interruptions
+        self.step(count)
+        await self._until_stepped()
+        if self.simulation is not before:
+            return "the simulation was reset meanwhile"
+        if self.interruptions != interruptions:
+            return self.health.failure or "paused or resumed meanwhile"
+        return "the run is over; ~/reset starts again" if self.steps_left else ""
+
+    @coroutine
+    def _until_stepped(self) -> Generator[None, None, None]:
+        """Let a callback wait, between turns of the executor, until the steps asked for are computed."""
+        while self.steps_left and self.behind:
+            yield
+        goal_ns = self._goal_ns
+        while self._reached_ns < goal_ns and self.behind:
+            yield
+
     def reset(self) -> str:
         """Restart with the initial state at time 0, without commands; return the error, or ""."""
         self.paused, self.stopped = self._mode.start_paused, False
@@ -232,7 +253,7 @@ class Runner:
     def reset_state(self) -> None:
         """Begin a new run with the initial state and without commands; stamps continue."""
         self.catch_up()
-        self._restart(self._again({}), self._passed_ns(), carry=False)
+        self._restart(self._again(self._scene, {}), self._passed_ns(), carry=False)
 
     def reset_time(self) -> None:
         """Begin a new run from the present state; stamps, the scene's duration and schedules start again."""
@@ -275,12 +296,11 @@ class Runner:
 
         Raises:
             SceneError: the state is not valid.
-            ConvergenceError: a momentum or an energy of it is beyond double precision.
+            ConvergenceError: the motion cannot continue from there; the body was not moved.
         """
         change = StateChange.to(state, self._scene.body)
         self.catch_up()
-        self.simulation.set_state(change.at(self._computed_ns))
-        self.simulation.advance(self._computed_ns)
+        self.simulation.move(change)
 
     def changed(self, overrides: Mapping[str, object]) -> Scene:
         """Return the scene with `overrides`, validated as a whole; nothing changes yet.
@@ -300,9 +320,27 @@ class Runner:
             raise SceneError("sensors: what they publish cannot be changed while the node runs; start it anew")
         if not all(name.startswith("initial.") for name in overrides):
             self._require_no_schedule(scene)
-            # Check that the method can run it.
-            Simulation(scene)
+        # Check that the method can run it.
+        _require_steps(Simulation(scene))
         return scene
+
+    def rehearse(self, scene: Scene | None, state: State | None) -> StateChange | None:
+        """Return the change to `state` now, after that to `scene`, if the motion can continue; nothing changes yet.
+
+        Raises:
+            SceneError: the state is not valid.
+            ConvergenceError: the motion cannot continue.
+        """
+        run, body = self.simulation, (scene or self._scene).body
+        change = None if state is None else StateChange.to(state, body)
+        if scene is not None and self._differs(scene):
+            run = Simulation(self._again(scene, _initial(self.state)))
+            for topic, wrench, time_ns in self.simulation.outstanding():
+                run.take(run.check(topic, wrench), time_ns)
+            run.advance(0)
+        if scene is not None or change is not None:
+            _require_steps(run, change)
+        return change
 
     def change(self, scene: Scene, initial_only: bool) -> None:
         """Apply a scene from `changed`, if it differs; its `initial` applies from the next reset on.
@@ -310,17 +348,19 @@ class Runner:
         Raises:
             RigidBodyError: the scene cannot run from the present state; nothing has changed.
         """
-        before = self._scene
-        if replace(scene, text=before.text) == before:
+        if not self._differs(scene):
             return
-        self._scene = scene
+        before, self._scene = self._scene, scene
         if initial_only:
             return
         try:
-            self._restart(self._again(_initial(self.state)), self._passed_ns(), carry=True)
+            self._restart(self._again(scene, _initial(self.state)), self._passed_ns(), carry=True)
         except RigidBodyError:
             self._scene = before
             raise
+
+    def _differs(self, scene: Scene) -> bool:
+        return replace(scene, text=self._scene.text) != self._scene
 
     @property
     def times_commands(self) -> bool:
@@ -487,9 +527,8 @@ class Runner:
         for topic, wrench, time_ns in outstanding:
             self._take_command(topic, self.simulation.check(topic, wrench), time_ns)
 
-    def _again(self, overrides: dict[str, object]) -> Scene:
-        """Return the scene with `overrides` and the rest of its duration."""
-        scene = self._scene
+    def _again(self, scene: Scene, overrides: dict[str, object]) -> Scene:
+        """Return `scene` with `overrides` and the rest of its duration."""
         if scene.end_ns is not None:
             overrides = overrides | {"duration": max(1, scene.end_ns - self._passed_ns()) / NANOSECONDS}
         return parse_scene(scene.text, scene.source, overrides) if overrides else scene
@@ -592,6 +631,11 @@ class Runner:
                 self._slice_ns = max(1, self._slice_ns // 2)
             if not self.behind or now - begun > _LONGEST_BURST_NS:
                 return
+
+
+def _require_steps(run: Simulation, change: StateChange | None = None) -> None:
+    if reason := run.hindrance(change):
+        raise ConvergenceError(f"the motion cannot continue from there: {reason}")
 
 
 def _initial(state: State) -> dict[str, object]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Generator
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
@@ -34,7 +33,6 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.numerics.rotation import NORM_TOLERANCE
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.runner import Runner
-from rb_dynamics.run.simulation import Simulation
 
 _F = SimulatorFeatures
 _FEATURES = (
@@ -108,12 +106,7 @@ class SimulationServices:
         return response
 
     async def _step_simulation(self, request: Any, response: Any) -> Any:
-        response.result = self._refusal_to_step()
-        if response.result is None:
-            before, interruptions = self._runner.simulation, self._runner.interruptions
-            self._runner.step(request.steps)
-            await _UntilStill(self._runner)
-            response.result = self._outcome(before, interruptions)
+        response.result = self._refusal_to_step() or _outcome(await self._runner.stepped(request.steps))
         return response
 
     async def _simulate_steps(self, goal: ServerGoalHandle) -> Any:
@@ -121,11 +114,8 @@ class SimulationServices:
         if refusal is not None:
             goal.abort()
             return SimulateSteps.Result(result=refusal)
-        before, interruptions = self._runner.simulation, self._runner.interruptions
         for done in range(1, goal.request.steps + 1):
-            self._runner.step()
-            await _UntilStill(self._runner)
-            outcome = self._outcome(before, interruptions)
+            outcome = _outcome(await self._runner.stepped())
             if outcome.result != Result.RESULT_OK:
                 goal.abort()
                 return SimulateSteps.Result(result=outcome)
@@ -146,7 +136,7 @@ class SimulationServices:
         try:
             if time and state:
                 failure = self._runner.reset()
-                response.result = _failed(failure) if failure else _OK
+                response.result = _outcome(failure)
             elif time or state:
                 (self._runner.reset_time if time else self._runner.reset_state)()
                 response.result = _OK
@@ -218,14 +208,6 @@ class SimulationServices:
     def _refusal_to_step(self) -> Result | None:
         return None if self._runner.paused else _failed("only while paused: set_simulation_state to paused first")
 
-    def _outcome(self, before: Simulation, interruptions: int) -> Result:
-        """Return the result of steps that began in the run `before`, after this number of interruptions."""
-        if failure := self._runner.health.failure:
-            return _failed(failure)
-        if self._runner.simulation is not before:
-            return _failed("the simulation was reset meanwhile")
-        return _OK if self._runner.interruptions == interruptions else _failed("paused or resumed meanwhile")
-
     def _filtered(self, filters: Any) -> tuple[list[str], Result]:
         if filters.bounds.points:
             return [], Result(result=Result.RESULT_FEATURE_UNSUPPORTED, error_message="the body has no bounds")
@@ -253,15 +235,8 @@ class SimulationServices:
         )
 
 
-class _UntilStill:
-    """Lets a callback wait, between turns of the executor, until everything is computed."""
-
-    def __init__(self, runner: Runner) -> None:
-        self._runner = runner
-
-    def __await__(self) -> Generator[None, None, None]:
-        while self._runner.behind:
-            yield
+def _outcome(failure: str) -> Result:
+    return _failed(failure) if failure else _OK
 
 
 def _failed(message: str) -> Result:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -40,6 +41,10 @@ class _Choice:
     chosen: tuple[Method, StepControl] | None = None
     driven_arcs: int = 0
     length_ns: int = 0
+
+    def separated(self) -> _Choice:
+        """Return a copy, with a control of its own."""
+        return replace(self, chosen=self.chosen and (self.chosen[0], copy(self.chosen[1])))
 
 
 class Plan:
@@ -136,6 +141,13 @@ class Plan:
         regular = self._expected_ns > 0 and self.takes == LoadDependence.STATES
         first = self._expected_ns / NANOSECONDS if regular else math.inf
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales, first)
+
+    def separated(self) -> Plan:
+        """Return this shallow copy of a plan, for an arc that is only tried: the other does not learn from it."""
+        gradual = self._last is self._gradual_choice
+        self._choice, self._gradual_choice = self._choice.separated(), self._gradual_choice.separated()
+        self._last = self._gradual_choice if gradual else self._choice
+        return self
 
     def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         """Propagate from edge to edge by the kernel; None if it does not support that, or is missing.

@@ -74,6 +74,9 @@ _logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
+# ns: for so long a motion in closed form must be possible from a state to which the body is moved.
+_FORESEEN_NS = NANOSECONDS
+
 # Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
 
@@ -101,6 +104,8 @@ class Simulation:
         clipped: number of commands reduced by the limits of their channel.
         taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
             them.
+        refused: states from `set_state` from which the motion could not continue, each with the reason; the body was
+            not moved.
         continues: whether this run continues the run in `scene.past`, with its bits, impulses and work. It does not if
             that run does not reach exactly the scene's initial state, as with another body.
     """
@@ -128,6 +133,7 @@ class Simulation:
         # States to move the body to, in order of time.
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench] = []
+        self.refused: list[tuple[StateChange, str]] = []
         self.clipped = 0
         # Times at which wheels came near their limits, by wheel and limit.
         self._remarks: dict[tuple[str, str], str] = {}
@@ -173,8 +179,8 @@ class Simulation:
         self._phase = phase
         self._held, self._load_from = HeldWrench(), cast("LoadFrom | None", None)
         self._arc = self._new_arc(self.plan)
-        # Whether the load from `time_ns` on differs from that in `_arc`.
-        self._stale = False
+        # Whether the load from `time_ns` on differs from that in `_arc`, and the arc of that load, if it was tried.
+        self._stale, self._tried = False, cast("Arc | None", None)
         self._edge_schedule = EdgeSchedule(self._channels, scene.body, self._period_ns or (1, 1))
 
     def _catch_up(self, past: Past) -> bool:
@@ -308,15 +314,24 @@ class Simulation:
 
     @contextlib.contextmanager
     def _tentative(self) -> Iterator[None]:
-        """Undo afterwards what a new arc changes."""
-        before = self._held, self._load_from
-        turning = None if self._wheels is None else self._wheels.now
+        """Undo afterwards what a new arc changes, and where it begins."""
+        undo = self._undo()
         try:
             yield
         finally:
-            self._held, self._load_from = before
+            undo()
+
+    def _undo(self) -> Callable[[], None]:
+        """Return what undoes what a new arc changes, and where it begins."""
+        before = self._held, self._load_from, self._phase, self.time_ns
+        turning = None if self._wheels is None else self._wheels.now
+
+        def undo() -> None:
+            self._held, self._load_from, self._phase, self.time_ns = before
             if self._wheels is not None and turning is not None:
                 self._wheels.restore(turning)
+
+        return undo
 
     @property
     def steps(self) -> int:
@@ -429,15 +444,46 @@ class Simulation:
     def set_state(self, change: StateChange) -> None:
         """Move the body to another state at the time of `change`; a time in the past means now.
 
-        Commands remain held; outputs, schedules and the end keep their times. A change after the end is ignored.
+        Commands remain held; outputs, schedules and the end keep their times. A change after the end is ignored. One
+        after which no step can be taken is left out, without a trace in the motion: see `refused`.
 
         Raises:
             ConvergenceError: an energy or a momentum of that state is beyond double precision.
         """
-        change = change.at(max(self._computed_ns, change.time_ns))
+        if change.time_ns < self._computed_ns:
+            change = change.at(self._computed_ns)
         _require_finite(self.scene.body, PhaseState.of(self.scene.body, change.state), change.time_ns)
         if self._before_end(change.time_ns):
             insort(self._moves, change, key=attrgetter("time_ns"))
+
+    def move(self, change: StateChange) -> None:
+        """Move the body as `set_state` does, now.
+
+        Raises:
+            ConvergenceError: no step could be taken after the change, or an earlier one; the body was not moved.
+        """
+        change = change.at(self._computed_ns)
+        self.set_state(change)
+        try:
+            self.advance(self._computed_ns)
+        finally:
+            self._moves = [each for each in self._moves if each is not change]
+        for number, (refused, reason) in enumerate(self.refused):
+            if refused is change:
+                del self.refused[number]
+                raise ConvergenceError(reason)
+
+    def hindrance(self, change: StateChange | None = None) -> str:
+        """Return why no step can be taken from the present state, or from `change` now, or ""; changes nothing."""
+        with self._tentative():
+            try:
+                self._phase = self.phase
+            except ConvergenceError as error:
+                return str(error)
+            self.time_ns = self._computed_ns
+            if change is not None:
+                self._phase = self._after_move(change)
+            return self._obstacle(_FORESEEN_NS)
 
     def post_batch(self, batch: CommandBatch) -> list[str]:
         """Let commands take effect as `post` does, in the order of `batch`, each at its time; return why some do not.
@@ -521,10 +567,10 @@ class Simulation:
         until_ns = time_count(until_ns, "until_ns")
         output = self.next_output_ns()
         while True:
-            if self._stale:
-                self._renew()
-                output = self.next_output_ns()
             change = self._next_change_ns()
+            if self._stale:
+                self._renew_before(change)
+                output = self.next_output_ns()
             if change is not None and change <= self.time_ns:
                 self._apply_changes()
                 continue
@@ -802,39 +848,82 @@ class Simulation:
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True
         while self._moves and self._moves[0].time_ns <= self.time_ns:
-            move = self._moves.pop(0)
-            before = self._phase
-            self._phase = moved(self.scene.body, before, move)
-            if self._wheels is not None:
-                there = (self._phase.orientation, self._phase.angular_velocity)
-                states = self._wheels.moved((before.orientation, before.angular_velocity), there, before.inner)
-                self._phase = self._phase.with_inner(states)
-            if self._sinks:
-                self._inputs.move(move)
-            self.write(move)
-            self._stale = True
+            self._move(self._moves.pop(0))
+
+    def _move(self, change: StateChange) -> None:
+        """Move the body, unless the motion could not continue from there."""
+        plan, undo = copy(self.plan).separated(), self._undo()
+        self._phase = self._after_move(change)
+        try:
+            self._tried = self._first_arc(plan, _FORESEEN_NS)
+        except (ConvergenceError, OverflowError) as error:
+            undo()
+            self.refused.append((change, f"the motion cannot continue from there: {error}"))
+            return
+        self.plan = plan
+        if self._sinks:
+            self._inputs.move(change)
+        self.write(change)
+        self._stale = True
+
+    def _after_move(self, change: StateChange) -> PhaseState:
+        """Return the phase after `change`."""
+        before, phase = self._phase, moved(self.scene.body, self._phase, change)
+        if self._wheels is None:
+            return phase
+        there = (phase.orientation, phase.angular_velocity)
+        return phase.with_inner(self._wheels.moved((before.orientation, before.angular_velocity), there, before.inner))
 
     def _goes_on(self) -> bool:
         """Return whether one step can be taken under the present load; if not, reject the largest command."""
+        if reason := self._obstacle():
+            self.taken_back.append(self._channels.take_back(f"not one step can be taken under it: {reason}"))
+        return not reason
+
+    def _obstacle(self, foreseen_ns: int = 0) -> str:
+        """Return why not one step can be taken from the present state under the present load, or "".
+
+        As for `_first_arc`.
+        """
         try:
             with self._tentative():
-                # With a separate plan: the other one remembers its step sizes.
-                arc = self._new_arc(Plan(*self._planned))
-                grid_ns = arc.next_grid_ns()
-                # A closed form takes no steps.
-                if grid_ns - self.time_ns < WholeArc.length:
-                    _require_finite(self.scene.body, arc.at(grid_ns), grid_ns)
+                self._first_arc(copy(self.plan).separated(), foreseen_ns)
         except (ConvergenceError, OverflowError) as error:
-            rejected = self._channels.take_back(f"not one step can be taken under it: {error}")
-            self.taken_back.append(rejected)
-            return False
-        return True
+            return str(error)
+        return ""
+
+    def _first_arc(self, plan: Plan, foreseen_ns: int) -> Arc:
+        """Return a new arc that lasts a step or, in closed form, `foreseen_ns`, if the run does.
+
+        Raises:
+            ConvergenceError: it does not.
+            OverflowError: likewise.
+        """
+        arc = self._new_arc(plan)
+        grid_ns = arc.next_grid_ns()
+        if grid_ns - self.time_ns < WholeArc.length:
+            _require_finite(self.scene.body, arc.ahead(), grid_ns)
+        else:
+            until_ns = self.time_ns + foreseen_ns
+            until_ns = until_ns if self.end_ns is None else min(until_ns, self.end_ns)
+            _require_finite(self.scene.body, arc.at(until_ns), until_ns)
+        self._observer.sample(self._phase, self.time_ns)
+        return arc
+
+    def _renew_before(self, change_ns: int | None) -> None:
+        """Begin a new arc at `time_ns`, if one can begin before the next change at `change_ns`."""
+        try:
+            self._renew()
+        except (ConvergenceError, OverflowError):
+            # A change now may let the motion continue.
+            if change_ns is None or change_ns > self.time_ns:
+                raise
 
     def _renew(self) -> None:
         """Begin a new arc at `time_ns`."""
         if self._wheels is not None:
             self._look_at_wheels(self._wheels)
-        self._arc = self._new_arc(self.plan)
+        self._arc, self._tried = self._tried or self._new_arc(self.plan), None
         self._steps_before, self._stale = self._steps, False
         self._searched_ns, self._switch_ns = -1, None
 

@@ -233,6 +233,74 @@ def test_motion_capture_moves_the_body_within_one_run_that_replays(tmp_path: Pat
     assert "the body was moved from outside" in " ".join(looked.stdout.split())
 
 
+@pytest.mark.parametrize(
+    ("text", "bad"),
+    [
+        (
+            "initial: {position_world: [7e6, 0, 0]}\neffects: [{type: central_gravity, gravitational_parameter: 4e14}]",
+            ([0.0, 0.0, 0.0], [0.1, 0.0, 0.0]),
+        ),
+        (
+            "effects: [{type: linear_drag, translation: 0.1, rotation: 0.001}]\nduration: 600\n",
+            ([7e6, 0.0, 0.0], [1e6, 0.0, 0.0]),
+        ),
+    ],
+    ids=["at the centre", "too fast"],
+)
+def test_a_state_that_nothing_follows_is_rejected_and_the_next_one_acts(
+    tmp_path: Path, peer: Peer, text: str, bad: tuple[list[float], list[float]]
+) -> None:
+    scene, log = tmp_path / "scene.yaml", tmp_path / "run.mcap"
+    scene.write_text(f"body: {{mass: 10, inertia: {{diagonal: [0.05, 0.12, 0.14]}}}}\nwrenches: []\n{text}")
+    with running(scene, mcap=log) as node:
+        odometry, diagnostics = peer.listen(Odometry, "odom"), peer.diagnostics()
+        publisher = peer.node.create_publisher(Odometry, "rigid_body/set_state", 10)
+        peer.until(lambda: odometry and diagnostics and publisher.get_subscription_count() > 0, "the node")
+        wanted = Odometry()
+        wanted.pose.pose.orientation.w = 1.0
+        wanted.pose.pose.position.x, wanted.twist.twist.angular.x = bad[0][0], bad[1][0]
+        publisher.publish(wanted)
+        peer.until(lambda: values(diagnostics[-1]).get("~/set_state: rejected") == "1", "the rejection")
+        assert values(diagnostics[-1])["state"] == "running"
+        assert "~/set_state: rejected: the motion cannot continue from there" in diagnostics[-1].status[0].message
+        told = set_together(peer, state__position_world=bad[0], state__angular_velocity_body=bad[1])
+        assert (told[0], "the motion cannot continue from there" in told[1]) == (False, True), told
+        count = len(odometry)
+        peer.until(lambda: len(odometry) > count + 10, "motion")
+        wanted.pose.pose.position.x, wanted.twist.twist.angular.x = 7e6, 0.5
+        publisher.publish(wanted)
+        peer.until(lambda: odometry[-1].twist.twist.angular.x == pytest.approx(0.5, rel=0.1), "the good state")
+        assert set_together(peer, state__angular_velocity_body=[0.7, 0.0, 0.0]) == (True, "")
+        peer.until(lambda: odometry[-1].twist.twist.angular.x == pytest.approx(0.7, rel=0.1), "the spin")
+        assert peer.call("rigid_body/pause", SetBool.Request(data=True)).success
+        answer = peer.call("rigid_body/step", Trigger.Request())
+        assert (answer.success, answer.message) == (True, "one output period more")
+        assert node.stop() == 0
+    assert "[ERROR]" not in node.err
+    assert read_bag(log).topics["/set_state"].count == 2
+    assert replay(log).identical
+
+
+def test_a_step_that_cannot_be_taken_is_answered_with_the_reason(scene: Path, peer: Peer) -> None:
+    with running(scene, start_paused=True) as node:
+        diagnostics = peer.diagnostics()
+        peer.wrench(torque=(9e5, 9e5, 0.0))
+        peer.until(lambda: diagnostics and values(diagnostics[-1])["wrench: accepted"] == "1", "the command")
+        for _ in range(2):
+            answer = peer.call("rigid_body/step", Trigger.Request())
+            assert not answer.success
+            assert "because the motion cannot be continued: rkmk4: a step" in answer.message
+        assert node.stop() == 0
+    assert node.err.count("the motion cannot be continued") == 1, node.err
+
+
+def test_the_last_step_of_a_run_is_answered(scene: Path, peer: Peer) -> None:
+    scene.write_text(f"{scene.read_text()}duration: 0.01\n")
+    with running(scene, start_paused=True) as node:
+        assert peer.call("rigid_body/step", Trigger.Request()).success
+        assert node.wait() == 0
+
+
 def test_a_best_effort_commander_is_heard_beside_a_reliable_one_each_command_once(scene: Path, peer: Peer) -> None:
     with running(scene) as node:
         diagnostics = peer.diagnostics()

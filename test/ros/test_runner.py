@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]
 from nav_msgs.msg import Odometry
 
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.health import Health
@@ -256,6 +256,73 @@ def test_a_state_that_is_none_is_refused_and_the_run_goes_on() -> None:
             body.set_state(bad)
     assert body.simulation is before
     run_steps(body, 1)
+
+
+ORBIT = """\
+body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
+initial: {position_world: [7e6, 0, 0], linear_velocity_world: [0, 7e3, 0]}
+effects: [{type: central_gravity, gravitational_parameter: 4e14}]
+wrenches: [{topic: wrench}]
+duration: 100
+"""
+
+
+def test_a_state_that_nothing_follows_leaves_the_run_as_it_was() -> None:
+    body, without = runner(ORBIT), runner(ORBIT)
+    for each in (body, without):
+        run_steps(each, 3)
+    good = body.state
+    for bad in (replace(good, position_world=(0.0, 0.0, 0.0)), replace(good, angular_velocity_body=(1e7, 1e7, 0.0))):
+        for refuse in (lambda bad=bad: body.set_state(bad), lambda bad=bad: body.rehearse(None, bad)):
+            with pytest.raises(ConvergenceError, match="the motion cannot continue from there"):
+                refuse()
+        assert (body.state, body.health.failure) == (good, "")
+    for each in (body, without):
+        run_steps(each, 3)
+    assert body.simulation.sample == without.simulation.sample
+    body.set_state(replace(good, angular_velocity_body=(1.0, 0.0, 0.0)))
+    run_steps(body, 1)
+    assert body.simulation.time_ns == 70_000_000
+
+
+def test_what_cannot_continue_is_foreseen_with_the_body_that_is_to_be_and_what_is_held() -> None:
+    body = runner(SCENE.replace("method: rkmk4, step: 0.005", "method: rk4, step: 0.05"))
+    body.command("wrench", Wrench(torque=(0.0, 1e3, 2e3)))
+    run_steps(body, 3)
+    light = body.changed({"body.inertia.diagonal": [0.01, 0.02, 0.025]})
+    with pytest.raises(ConvergenceError, match="the motion cannot continue from there: rk4"):
+        body.rehearse(light, None)
+    assert body.rehearse(body.changed({"body.mass": 4.0}), None) is None
+    with pytest.raises(ConvergenceError, match="the motion cannot continue from there: rk4"):
+        body.changed({"initial.angular_velocity_body": [1e4, 1e4, 0.0]})
+    assert body.scene.body.mass == 2.0
+    run_steps(body, 3)
+
+
+def test_a_motion_that_cannot_continue_is_told_once_and_a_step_says_so() -> None:
+    said: list[str] = []
+    body = runner(SCENE, said=said)
+
+    def stepped(count: int = 1) -> str:
+        waiting = body.stepped(count)
+        while True:
+            try:
+                waiting.send(None)
+            except StopIteration as answer:
+                return str(answer.value)
+            body.tick()
+
+    assert stepped(2) == ""
+    # Not so large that no step is tried: that is the step's fault.
+    body.command("wrench", Wrench(torque=(9e5, 9e5, 0.0)))
+    for _ in range(3):
+        assert "because the motion cannot be continued: rkmk4: a step" in stepped()
+        body.tick()
+    assert sum("the motion cannot be continued" in each for each in said) == 1
+    assert body.simulation.time_ns == 20_000_000
+    body.reset()
+    assert stepped(100) == ""
+    assert stepped() == "the run is over; ~/reset starts again"
 
 
 def test_stamped_commands_late_early_twice_and_out_of_order() -> None:

@@ -23,6 +23,7 @@ from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
 from rb_dynamics.run.sink import Event, RunInfo
+from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.sinks.memory_sink import MemorySink
@@ -542,6 +543,94 @@ class TestTooLarge:
     def test_where_a_step_is_too_long_for_a_wrench_that_is_possible_that_is_an_error(self) -> None:
         with pytest.raises(ConvergenceError, match=r"rkmk4: a step of 0.02 s turns the body by"):
             simulate(driven(SOLVERS["whole step"]), [("body", Wrench(torque=(1e4, 1e4, 0.0)))])
+
+
+FELL = "body: {mass: 10, inertia: {diagonal: [0.05, 0.12, 0.14]}}\nwrenches: []\nduration: 600\n"
+ORBIT = (
+    f"{FELL}initial: {{position_world: [7e6, 0, 0], linear_velocity_world: [0, 7e3, 0]}}\n"
+    "effects: [{type: central_gravity, gravitational_parameter: 4e14}]\n"
+)
+SPUN = f"{FELL}initial: {{angular_velocity_body: [0.1, 0.2, 0.3]}}\n"
+DRAG = f"{SPUN}effects: [{{type: linear_drag, translation: 0.1, rotation: 0.001}}]\n"
+WHEEL = (
+    f"{SPUN}actuators: [{{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1e-3,"
+    " friction: {coulomb: 1e-4}}]\n"
+    "solver: {method: dop853, step: 0.02}\n"
+)
+
+
+class TestStateThatNothingFollows:
+    """A change of state after which no step can be taken is refused without any trace."""
+
+    GLITCH = State(angular_velocity_body=(1e9, 3e8, 0.0))
+
+    @pytest.mark.parametrize(
+        ("text", "bad"),
+        [
+            (ORBIT, State()),
+            (f"{ORBIT}solver: {{method: rk4, step: 0.5}}\n", State()),
+            (DRAG, dataclasses.replace(GLITCH, angular_velocity_body=(1e6, 0.0, 0.0))),
+            (DRAG, GLITCH),
+            (SPUN, GLITCH),
+            (WHEEL, GLITCH),
+        ],
+        ids=["at the centre", "at the centre by steps", "drag", "faster under drag", "closed form", "wheel"],
+    )
+    @pytest.mark.parametrize("ahead_ns", [0, 77_777_777])
+    def test_leaves_no_trace_and_a_later_one_acts(self, text: str, bad: State, ahead_ns: int) -> None:
+        def flown(*moves: State) -> tuple[Simulation, Recorder]:
+            recorder = Recorder()
+            run = Simulation(parse_scene(text), [recorder])
+            run.start()
+            if run.scene.actuators:
+                run.actuate("wheel/command", 0.01)
+            run.advance(123_456_789)
+            for move in moves:
+                run.set_state(StateChange.to(move, run.scene.body).at(123_456_789 + ahead_ns))
+            run.advance(SECOND)
+            return run, recorder
+
+        good = State(position_world=(7e6, 0.0, 0.0), angular_velocity_body=(0.5, 0.1, 0.0))
+        for before, after in (((), ()), ((), (good,)), ((good,), ())):
+            expected, told = flown(*before, *after)
+            run, recorder = flown(*before, bad, *after)
+            [(refused, reason)] = run.refused
+            assert (refused.time_ns, refused.state.position_world) == (123_456_789 + ahead_ns, bad.position_world)
+            assert reason.startswith("the motion cannot continue from there: ")
+            assert recorder.events == told.events
+            run.finish()
+            expected.finish()
+            assert recorder.result == told.result
+
+    def test_is_refused_at_once_by_name_and_foreseen(self) -> None:
+        run = Simulation(parse_scene(DRAG))
+        run.advance(123_456_789)
+        before = run.look()
+        bad, good = (
+            StateChange.to(State(angular_velocity_body=rate), run.scene.body)
+            for rate in ((1e6, 0.0, 0.0), (1.0, 0.0, 0.0))
+        )
+        assert "accuracy 1e-09 cannot be kept: at 1e+06 rad/s" in run.hindrance(bad)
+        assert run.hindrance() == run.hindrance(good) == ""
+        with pytest.raises(ConvergenceError, match=r"cannot continue from there: accuracy 1e-09 .* at 1e\+06 rad/s"):
+            run.move(bad)
+        assert (run.look(), run.refused) == (before, [])
+        run.move(good)
+        assert run.look().angular_velocity_body == (1.0, 0.0, 0.0)
+        assert run.time_ns == 123_456_789
+
+    def test_a_change_now_frees_a_motion_that_cannot_continue(self) -> None:
+        text = SPUN.replace("wrenches: []", "wrenches: [{topic: wrench}]").replace("0.1, 0.2", "1e5, 2e5")
+        run = Simulation(parse_scene(text))
+        # The accuracy can be kept in closed form only.
+        run.post("wrench", Wrench(torque=(0.1, 0.2, 0.1)), SECOND)
+        for _ in range(2):
+            with pytest.raises(ConvergenceError, match="rounding alone"):
+                run.advance(2 * SECOND)
+        assert "rounding alone" in run.hindrance()
+        run.post("wrench", Wrench())
+        run.advance(2 * SECOND)
+        assert (run.hindrance(), run.sample.time_ns) == ("", 2 * SECOND)
 
 
 def test_steps_are_those_to_the_last_edge_however_far_was_computed() -> None:
