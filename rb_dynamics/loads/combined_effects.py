@@ -137,13 +137,16 @@ class CombinedEffects:
 
         return at
 
-    def numbers(self, start: float, dipole: Vector = ZERO) -> tuple[float, ...] | None:
+    def numbers(self, start: float, dipole: Vector = ZERO, *, plugins: bool = False) -> tuple[float, ...] | None:
         """Return the same load for kernels; None if there is none, or an effect has no numbers.
 
-        Of actuators only the `dipole` (A m^2, principal axes) of magnetorquers counts.
+        Of actuators only the `dipole` (A m^2, principal axes) of magnetorquers counts; for `plugins` see
+        `effect_numbers`.
         """
+        if self.takes == LoadDependence.HELD:
+            return None
         effects = [effect for effect in self.effects if not isinstance(effect, Actuator)]
-        return None if self.takes == LoadDependence.HELD else effect_numbers(effects, self.body, start, dipole)
+        return effect_numbers(effects, self.body, start, dipole, plugins=plugins)
 
     @property
     def compile(self) -> bool:

@@ -1,13 +1,13 @@
 """`EffectLoad`: the effects of the package as numbers, and their load as a kernel evaluates it.
 
-The functions are those of the effects themselves, so the bits are those of plain Python. Effects that are not listed
-here, such as those of plug-ins, have no numbers: their scenes run in plain Python.
+The functions are those of the effects themselves, so the bits are those of plain Python. Those of effects that are not
+listed here, such as those of plug-ins, are called by address, see `plugin_load.py`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -20,6 +20,16 @@ from rb_dynamics.loads.gyrostat_rotor import Rotor, Spin, reaction
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.magnetic_field import MagneticField, Source, flux_density
 from rb_dynamics.loads.magnetorquer import turned_in_field
+from rb_dynamics.loads.plugin_load import (
+    PluginFunction,
+    flat,
+    function_at,
+    load_at,
+    load_on_numbers,
+    numbers_of,
+    scale_at,
+    scale_on_numbers,
+)
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.numerics.compilation import compiled_by
@@ -30,9 +40,11 @@ if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
 
 # Numbers of one effect: its kind and its parameters. After the last effect comes the number of effects. All are at the
-# end of a kernel's array, whatever precedes them.
+# end of a kernel's array, whatever precedes them. A function of a plug-in has its kind, its cell, and how far back
+# its own numbers are, which precede those of all effects.
 WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
+_LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN = 6.0, 7.0, 8.0
 # A lag is not a load of its own, see `wrench_transition.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
@@ -55,39 +67,61 @@ class EffectLoad(NamedTuple):
 
 
 def effect_numbers(
-    effects: Sequence[Effect], body: RigidBody, start: float, dipole: Vector = ZERO
+    effects: Sequence[Effect], body: RigidBody, start: float, dipole: Vector = ZERO, *, plugins: bool = False
 ) -> tuple[float, ...] | None:
     """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none.
 
     `dipole` (A m^2, principal axes) is that of the body in their magnetic field; with several sources there are no
-    numbers.
+    numbers. Effects of `plugins` have numbers only on request, as kernels need their functions, too.
     """
-    found: list[float] = []
-    count = 0
+    found: list[Sequence[float]] = []
+    before: list[float] = []
     for effect in effects:
         # Exactly these types: derived ones may behave differently.
         kind = type(effect)
         if kind in _WITHOUT_LOAD:
             continue
-        numbers = _numbers(effect, body, start) if kind in _WITH_LOAD else None
-        if numbers is None:
+        if kind in _WITH_LOAD:
+            found.append(_numbers(effect, body, start))
+        elif not plugins or (dipole != ZERO and effect.magnetic_field() is not None):
             return None
-        found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
-        count += 1
+        else:
+            functions = list(_functions_of(effect, body, start))
+            if functions and functions[0][0] != _LOAD_OF_PLUGIN:
+                return None
+            for code, cell, numbers in functions:
+                before = numbers + before
+                found.append((code, cell, float(len(before) + WIDTH * len(found))))
     if dipole != ZERO:
         source = source_numbers(effects)
         if source is None:
             return None
-        numbers = (_DIPOLE, *dipole, *source)
-        found += (*numbers, *(0.0,) * (WIDTH - len(numbers)))
-        count += 1
-    return (*found, float(count))
+        found.append((_DIPOLE, *dipole, *source))
+    return (*before, *(n for each in found for n in (*each, *(0.0,) * (WIDTH - len(each)))), float(len(found)))
+
+
+def _functions_of(effect: Effect, body: RigidBody, start: float) -> Iterator[tuple[float, float, list[float]]]:
+    """Yield kind, cell and numbers of each function of an effect that is not of this package."""
+    for code, template, part in (
+        (_LOAD_OF_PLUGIN, load_on_numbers, effect.wrenching(body, start)),
+        (_SLOWING_OF_PLUGIN, scale_on_numbers, effect.slowing(body)),
+        (_SIGHT_OF_PLUGIN, scale_on_numbers, effect.sight(body)),
+    ):
+        if part is not None:
+            yield code, *numbers_of(effect, template, part)
+
+
+def functions_in(numbers: Sequence[float]) -> tuple[PluginFunction, ...]:
+    """Return the functions of plug-ins that a kernel calls for these numbers of effects."""
+    end = len(numbers) - 1
+    starts = range(end - WIDTH * int(numbers[end]), end, WIDTH) if numbers else ()
+    return tuple(function_at(numbers[i + 1]) for i in starts if numbers[i] >= _LOAD_OF_PLUGIN)
 
 
 def source_numbers(effects: Sequence[Effect]) -> tuple[float, ...] | None:
     """Return the numbers of the only magnetic field, for `source_at`; None if there is none, or it has no numbers."""
     fields = [effect for effect in effects if isinstance(effect, MagneticField)]
-    return None if len(fields) != 1 or fields[0].model == "igrf" else tuple(_flat(fields[0].source))
+    return None if len(fields) != 1 or fields[0].model == "igrf" else tuple(flat(fields[0].source))
 
 
 def with_dipoles(numbers: Numbers, sources: Numbers, dipoles: Numbers) -> Numbers:
@@ -115,20 +149,16 @@ def with_dipoles(numbers: Numbers, sources: Numbers, dipoles: Numbers) -> Number
 _WITH_LOAD = (CentralGravity, LinearDrag, QuadraticDrag, Rotor, Buoyancy)
 
 
-def _numbers(effect: Effect, body: RigidBody, start: float) -> Sequence[float] | None:
+def _numbers(effect: Effect, body: RigidBody, start: float) -> Sequence[float]:
     if isinstance(effect, CentralGravity):
-        return (_ATTRACTION, *_flat(effect.attraction(body)))
+        return (_ATTRACTION, *flat(effect.attraction(body)))
     if isinstance(effect, (LinearDrag, QuadraticDrag)):
-        return (_RESISTANCE, *_flat(effect.resistance(body)))
+        return (_RESISTANCE, *flat(effect.resistance(body)))
     if isinstance(effect, Rotor):
-        return (_SPIN, *_flat(effect.spin(body, start)))
+        return (_SPIN, *flat(effect.spin(body, start)))
     if isinstance(effect, Buoyancy):
-        return (_LIFT, *_flat(effect.lift(body)))
-    return None
-
-
-def _flat(parts: Iterable[float | tuple[float, ...]]) -> list[float]:
-    return [float(number) for part in parts for number in (part if isinstance(part, tuple) else (part,))]
+        return (_LIFT, *flat(effect.lift(body)))
+    raise TypeError(f"{effect.kind} has no numbers")
 
 
 @compiled_by(evaluated, EffectLoad)
@@ -147,8 +177,9 @@ def evaluated_by_numbers(
     here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
     force, torque = _load(c, i, here)
     for k in range(1, count):
-        more_force, more_torque = _load(c, i + k * WIDTH, here)
-        force, torque = add(force, more_force), add(torque, more_torque)
+        if c[i + k * WIDTH] <= _LOAD_OF_PLUGIN:
+            more_force, more_torque = _load(c, i + k * WIDTH, here)
+            force, torque = add(force, more_force), add(torque, more_torque)
     return force, torque
 
 
@@ -164,7 +195,10 @@ def is_attraction_or_none(c: Numbers) -> bool:
 
 
 def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
-    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`."""
+    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`.
+
+    The sight is 0 where plain Python refuses what a plug-in gives.
+    """
     count = int(c[len(c) - 1])
     slowing, sight = 0.0, math.inf
     for k in range(count):
@@ -173,6 +207,13 @@ def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
             slowing += slowed(_resistance_at(c, i + 1), here)
         elif c[i] == _ATTRACTION:
             sight = min(sight, time_to_fall(_attraction_at(c, i + 1), here))
+        elif c[i] == _SLOWING_OF_PLUGIN:
+            rate = scale_at(c[i + 1], c, i - int(c[i + 2]), here)
+            slowing += rate
+            sight = sight if 0.0 <= rate < math.inf else 0.0
+        elif c[i] == _SIGHT_OF_PLUGIN:
+            ahead = scale_at(c[i + 1], c, i - int(c[i + 2]), here)
+            sight = min(sight, ahead) if ahead > 0.0 else 0.0
     return slowing, sight
 
 
@@ -181,8 +222,10 @@ def strength(c: Numbers, here: Point) -> float:
     count = int(c[len(c) - 1])
     total = 0.0
     for k in range(count):
-        force, _ = _load(c, len(c) - 1 - (count - k) * WIDTH, here)
-        total += norm(force)
+        i = len(c) - 1 - (count - k) * WIDTH
+        if c[i] <= _LOAD_OF_PLUGIN:
+            force, _ = _load(c, i, here)
+            total += norm(force)
     return total
 
 
@@ -194,6 +237,8 @@ def _load(c: Numbers, i: int, here: Point) -> tuple[Vector, Vector]:
         return resisted(_resistance_at(c, i + 1), here)
     if kind == _SPIN:
         return reaction(_spin_at(c, i + 1), here)
+    if kind == _LOAD_OF_PLUGIN:
+        return load_at(c[i + 1], c, i - int(c[i + 2]), here)
     if kind == _DIPOLE:
         return turned_in_field(_vector_at(c, i + 1), add(ZERO, flux_density(source_at(c, i + 4), here.position)), here)
     return lifted(Lift(_vector_at(c, i + 1), _vector_at(c, i + 4)), here)

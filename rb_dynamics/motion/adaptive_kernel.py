@@ -119,6 +119,8 @@ def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants:
     """As `AccuracyControl.stride`, under the load of effects."""
     inertia, _, effects = constants
     slowing, sight = load_scales(effects, _here(inertia, phase))
+    if not sight > 0.0:
+        return Stride(0, phase, learnt, 0.0)
     g, known = goal, learnt
     goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
     step = min(known.step, max(sight, 1.0 / NANOSECONDS))

@@ -18,6 +18,7 @@ from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
+from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
 from rb_dynamics.motion.propagation import ArcState
 from rb_dynamics.motion.stateful_kernel import StatefulSteps, stateful_kernels
 from rb_dynamics.motion.steady_load import steady_time
@@ -294,6 +295,7 @@ class Stepper:
         self._scales = scales
         self._method, self._inertia, self._held, self._load_from = method, inertia, held, load_from
         self._effects = () if load_from is None else scales.numbers
+        self._plugins = plugin_kernels(self._effects)
         self._compiles = load_from is None or bool(scales.numbers and not scales.wheels)
         self._with_wheels: StatefulSteps | None = None
         if scales.wheels and (kernels := stateful_kernels(method)) is not None:
@@ -310,7 +312,7 @@ class Stepper:
 
     def stretch(self, phase: PhaseState, h: float, count: int, ahead: int, missed: int) -> PhaseState | None:
         """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""
-        if self._kernel is None:
+        if self._kernel is None or not are_ready(self._plugins, (self._kernel,), ahead, missed):
             return None
         return self._kernel.after(self._inertia, self._held, h, count, phase, ahead, missed, self._effects)
 
@@ -328,6 +330,8 @@ class Stepper:
         ahead: int,
     ) -> Progress | None:
         """Return the result of a kernel for strides; None if there is none."""
+        if not are_ready(self._plugins, (strides,), ahead, 1):
+            return None
         acting, goal, learnt = (self._inertia, self._held), control.goal, control.learnt
         if self._effects and isinstance(control, AccuracyControl):
             learnt = control.guess(phase, self)

@@ -228,6 +228,9 @@ class OnDemand:
         self._each = steps
         self._compiled: Native | None = None
         self._given_up = False
+        # Why it cannot be compiled, whether that is an error if it must be, and how it is compiled ahead.
+        self._fault, self._required = "", True
+        self._ahead = f"`rb-dynamics compile {function.__name__}` does it ahead"
         # Number of requests until the next check whether another process has compiled it.
         self._look_after = 0
 
@@ -235,6 +238,11 @@ class OnDemand:
     def name(self) -> str:
         """Name in the cache."""
         return self._function.__name__
+
+    @property
+    def order(self) -> str | None:
+        """What another process needs besides the name to compile it; None if it cannot."""
+        return ""
 
     def at_hand(self, missed: float) -> bool:
         """Return whether the function is compiled and LLVM loaded, so that using it costs nothing.
@@ -253,7 +261,7 @@ class OnDemand:
         In that case, `missed` of them will be taken without it.
         """
         when, tally = _when(), _tally.get()
-        if when == "never" or tally.none:
+        if when == "never" or tally.none or (self._given_up and not self._required):
             return None
         try:
             if self not in tally.used and (
@@ -262,7 +270,7 @@ class OnDemand:
                 self.build(tally)
                 tally.used.add(self)
         except (ImportError, OSError, RuntimeError) as error:
-            if when == "always":
+            if when == "always" and self._required:
                 raise
             self._give_up(str(error))
         if self in tally.used:
@@ -275,9 +283,12 @@ class OnDemand:
         if self._given_up or not available():
             return False
         if _when() == "cached" and not is_cached(self.name):
-            self._give_up(f"nothing is compiled now; `rb-dynamics compile {self.name}` does it ahead")
+            self._give_up(f"nothing is compiled now; {self._ahead}")
             return False
         steps = tally.expected(self, ahead)
+        if self._fault and steps >= FEW:
+            self._give_up(self._fault)
+            return False
         if tally.used or steps >= FEW:
             # Looking for a file takes as long as half a step: nothing beside many.
             self._look_after -= 1
@@ -285,7 +296,7 @@ class OnDemand:
                 return False
             if is_cached(self.name):
                 return True
-            if tally.missing == "beside" and ask_for(self.name):
+            if tally.missing == "beside" and ask_for(self.name, self.order):
                 self._look_after = _ASKS
                 if reason := failure_of(self.name):
                     self._give_up(reason)
@@ -306,8 +317,13 @@ class OnDemand:
             if tally.compiling is not None and not is_cached(self.name):
                 tally.compiling(self.name)
             begin = tally.clock()
-            self._compiled = compile_kernel(self._function, self._signature)
+            if self._fault:
+                raise RuntimeError(self._fault)
+            self._compiled = self._compile()
             tally.built[self.name] = tally.clock() - begin
+
+    def _compile(self) -> Native:
+        return compile_kernel(self._function, self._signature)
 
 
 class Kernel(OnDemand):

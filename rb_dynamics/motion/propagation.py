@@ -15,6 +15,7 @@ from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kern
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.method import Inertia, Method
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory
+from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Goal, Learnt, OwnControl, StepControl, WholeArc
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def propagate(
     grid = driven_by[1] if driven_by else arc_state.control
     if not _countable(grid, int(edges.at[-1]) - arc_state.start_ns, int(edges.at[-1])):
         return None
-    kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects=bool(effects))
+    kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects)
     if kernels is None:
         return None
     f, w = (
@@ -183,17 +184,19 @@ def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
 
 
 def _kernels(
-    driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, *, effects: bool
+    driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, effects: tuple[float, ...]
 ) -> list[Callable[..., Any]] | None:
     """Return the kernel for propagation and the kernels that it calls; None if one is missing."""
     steps: OnDemand | None = layout.CLOSED_FORM
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
         method, control = driven_by
-        steps = kernel(method, effects=effects)
+        steps = kernel(method, effects=bool(effects))
         fixed = isinstance(control, FixedStep)
-        strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=effects)
+        strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=bool(effects))
     wanted = (layout.PROPAGATE, steps, strides, layout.CLOSED_FORM if closed else steps)
+    if not are_ready(plugin_kernels(effects), [each for each in wanted if each], edges * _STEPS_PER_EDGE, 0):
+        return None
     # Request all of them, so that the next call finds all compiled.
     found = [None if each is None else each.get(edges * _STEPS_PER_EDGE, 0) for each in wanted]
     return [each for each in found if each is not None] if None not in found else None

@@ -30,6 +30,7 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method, SparseTableau
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, SUMS, PhaseState, elapsed, grown, total, two_sum
+from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
 from rb_dynamics.numerics.compilation import compiled_by, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
@@ -223,7 +224,7 @@ class StatefulSteps:
         effects: Sequence[float],
     ) -> None:
         """Use a held wrench, wheels (`WheelSet.now`) and effects (`effect_numbers`)."""
-        self._kernels = kernels
+        self._kernels, self._plugins = kernels, plugin_kernels(tuple(effects))
         count = states_of(wheels, 0)
         before = (*constant_numbers(inertia, held), *(0.0,) * (2 * PHASE + 1))
         behind = (*wheels, *(0.0,) * (OF_EACH_STATE * count), *effects)
@@ -245,7 +246,7 @@ class StatefulSteps:
 
     def _after(self, kernel: OnDemand, phase: PhaseState, h: float) -> bytearray | None:
         """Return the array after a step."""
-        compiled = kernel.get(1.0, 1.0)
+        compiled = kernel.get(1.0, 1.0) if are_ready(self._plugins, (kernel,), 1.0, 1.0) else None
         if compiled is None:
             return None
         numbers, (sums, at) = bytearray(self.numbers), self._sums

@@ -15,19 +15,20 @@ _COMMAND = ("-m", "rb_dynamics", "compile", "--beside")
 _asked: set[str] = set()
 
 
-def ask_for(name: str) -> bool:
+def ask_for(name: str, order: str | None = "") -> bool:
     """Request another process to compile the kernel of this name, unless it is cached or requested.
 
-    Return whether such a process runs. `is_cached` tells whether the kernel is ready.
+    `order` is what it needs besides the name; None if it cannot compile it. Return whether such a process runs.
+    `is_cached` tells whether the kernel is ready.
     """
     if name in _asked or is_cached(name) or failure_of(name):
         return True
-    other = _other_process()
+    other = None if order is None else _other_process()
     if other is None or other.stdin is None:
         return False
     # The process ends early if a third one is compiling.
     with contextlib.suppress(OSError):
-        other.stdin.write(f"{name}\n".encode())
+        other.stdin.write(f"{name} {order}\n".encode())
         other.stdin.flush()
     _asked.add(name)
     return True
@@ -53,8 +54,8 @@ def _other_process() -> subprocess.Popen[bytes] | None:
         return None
 
 
-def asked_for() -> Iterator[str]:
-    """In the process that `ask_for` has started, yield the requested names until the requesting process ends.
+def asked_for() -> Iterator[tuple[str, str]]:
+    """In the process that `ask_for` has started, yield names and orders until the requesting process ends.
 
     Yield nothing if a third process is already compiling. This process runs at low priority.
     """
@@ -69,4 +70,5 @@ def asked_for() -> Iterator[str]:
             # If the folder has been removed, as tests do, nobody needs its kernels.
             if not cache_folder().is_dir():
                 return
-            yield line.strip()
+            name, _, order = line.strip().partition(" ")
+            yield name, order

@@ -18,9 +18,12 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rb_dynamics.numerics.object_code import Native, ObjectCode, processor
+
+if TYPE_CHECKING:
+    from rb_dynamics.numerics.array_types import Numbers
 
 _PACKAGE = Path(__file__).parents[1]
 # The folders whose functions kernels may call.
@@ -96,6 +99,19 @@ def high_word(a: int, b: int) -> int:
     return (a * b) >> 64
 
 
+def call_at(cell: float, c: Numbers, i: int, x: Numbers) -> bool:
+    """Call the compiled function whose address is at the address `cell`, with (c, i, x); return whether it succeeds.
+
+    For compiled code alone. Without a function (0 in the cell) it does not succeed.
+    """
+    raise NotImplementedError
+
+
+def double(x: float) -> float:
+    """Return x; when compiled, it must be a float, as whole numbers have no -0."""
+    return x
+
+
 def specialise(template: Callable[..., Any], name: str, **names: object) -> Callable[..., Any]:
     """Return a copy of the module-level function `template`, called `name`, with `names` among its globals.
 
@@ -136,10 +152,12 @@ def _kept_in(name: str) -> Path:
     return cache_folder() / f"{name}.kernel"
 
 
-def compile_kernel(function: Callable[..., Any], signature: str) -> Native:
+def compile_kernel(
+    function: Callable[..., Any], signature: str, prepare: Callable[[Any], Callable[..., Any]] | None = None
+) -> Native:
     """Return `function` compiled for `signature`, from the cache in `cache_folder` if possible.
 
-    Without a readable and writable cache it is compiled anew.
+    Without a readable and writable cache it is compiled anew. `prepare` returns what is compiled in place of it.
 
     Raises:
         ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
@@ -156,7 +174,7 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Native:
             trouble = str(error)
         if found is not None:
             return Native(found, signature)
-        found = _compiled(function, signature)
+        found = _compiled(function, signature, prepare)
         native = Native(found, signature)
         try:
             found.write(path)
@@ -171,20 +189,23 @@ def compile_kernel(function: Callable[..., Any], signature: str) -> Native:
 _one_at_a_time = threading.Lock()
 
 
-def _compiled(function: Callable[..., Any], signature: str) -> ObjectCode:
+def _compiled(
+    function: Callable[..., Any], signature: str, prepare: Callable[[Any], Callable[..., Any]] | None
+) -> ObjectCode:
     """Return `function` compiled by numba.
 
     Raises:
         ImportError, RuntimeError: numba does not load, is switched off, or does not compile it.
     """
-    numba = _numba()
+    numba = loaded_numba()
     if numba.config.DISABLE_JIT:
         raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
     for callee in _reach(function):
         _register(callee)
     options = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     try:
-        (result,) = numba.njit(signature, **options)(function).overloads.values()
+        compiled = function if prepare is None else prepare(function)
+        (result,) = numba.njit(signature, **options)(compiled).overloads.values()
     except numba.core.errors.NumbaError as error:
         raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
     # The same that numba's own cache stores.
@@ -241,7 +262,12 @@ def _delete_unused(folder: Path) -> None:
 
 
 @cache
-def _numba() -> Any:
+def loaded_numba() -> Any:
+    """Return the module numba, set up for kernels.
+
+    Raises:
+        ImportError: it does not load.
+    """
     # Intel's vector library rounds differently from libm. Numba reads this variable once, when it is imported.
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     import numba
@@ -290,6 +316,25 @@ def _provide_workspace() -> None:
 
         return array(rows, lanes), build
 
+    def call(_context: Any, cell: Any, c: Any, i: Any, x: Any) -> Any:
+        signature = types.boolean(cell, c, i, x)
+
+        def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            whole = builder.fptosi(arguments[0], Type(64))
+            found = builder.load(builder.inttoptr(whole, Type(64).as_pointer()))
+            inner = types.void(c, types.int64, x)
+            kind = context.call_conv.get_function_type(inner.return_type, inner.args)
+            number = context.cast(builder, arguments[2], i, types.int64)
+            good = cgutils.alloca_once_value(builder, cgutils.false_bit)
+            with builder.if_then(cgutils.is_not_null(builder, found)):
+                function = builder.inttoptr(found, kind.as_pointer())
+                given = (arguments[1], number, arguments[3])
+                status, _ = context.call_conv.call_function(builder, function, inner.return_type, inner.args, given)
+                builder.store(builder.not_(status.is_error), good)
+            return builder.load(good)
+
+        return signature, build
+
     def unsigned(_context: Any, i: Any) -> Any:
         return types.uint64(i), lambda _context, _builder, _signature, arguments: arguments[0]
 
@@ -302,7 +347,7 @@ def _provide_workspace() -> None:
         return types.uint64(a, b), build
 
     block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
-    upper_word = intrinsic(upper_half)
+    upper_word, called = intrinsic(upper_half), intrinsic(call)
 
     # Inlined before compilation, so that the memory belongs to the caller. Both lambdas need the same arguments.
     # ruff: noqa: ARG005, PLW0108
@@ -312,9 +357,33 @@ def _provide_workspace() -> None:
     )
     overload(lane, inline="always")(lambda i: lambda i: as_unsigned(i))
     overload(high_word, inline="always")(lambda a, b: lambda a, b: upper_word(a, b))
+    overload(call_at, inline="always")(lambda cell, c, i, x: lambda cell, c, i, x: called(cell, c, i, x))
+    overload(double, inline="always")(lambda x: (lambda x: x) if isinstance(x, types.Float) else None)
 
 
-_registered: dict[int, object] = {id(provided): provided for provided in (workspace, block, lane, high_word)}
+def reader(example: object) -> Any:
+    """Return, for compiled code, a function that reads a value of the type of `example`, floats, from (c, i) on."""
+    numba = loaded_numba()
+    from numba.extending import intrinsic
+    from numba.np.arrayobj import make_array
+
+    kind = numba.typeof(example)
+
+    def read(_context: Any, c: Any, i: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            array = make_array(signature.args[0])(context, builder, arguments[0])
+            # Tuples of floats are in memory as their floats are.
+            at = builder.gep(array.data, [arguments[1]])
+            return builder.load(builder.bitcast(at, context.get_value_type(kind).as_pointer()))
+
+        return kind(c, i), build
+
+    return intrinsic(read)
+
+
+_registered: dict[int, object] = {
+    id(provided): provided for provided in (workspace, block, lane, high_word, call_at, double)
+}
 
 
 def _register(function: Any) -> None:
@@ -328,11 +397,21 @@ def _register(function: Any) -> None:
             lambda first, *_, **__: getattr(function, _BY).get(getattr(first, "instance_class", None))
         )
         return
-    (implementation,) = _implementations(function)
-    if hasattr(function, _MARK):
-        implementation = _constant(getattr(function, _MARK))
+    implementation = implementation_of(function)
     options = _APART if hasattr(function, _CALLED) else _OPTIONS
     overload(function, jit_options=options, strict=False)(lambda *_, **__: implementation)
+
+
+def implementation_of(function: Any) -> Any:
+    """Return the function that compiled code calls in place of a function that does not depend on a type."""
+    return (
+        _constant(getattr(function, _MARK)) if hasattr(function, _MARK) else getattr(function, "__wrapped__", function)
+    )
+
+
+def is_of_kernels(function: FunctionType) -> bool:
+    """Return whether `function` is one of those in whose sources the folder of the cache is named."""
+    return function.__module__.startswith(tuple(f"{_PACKAGE.name}.{part}." for part in _MADE_OF))
 
 
 def _implementations(function: Any) -> list[Any]:
@@ -367,5 +446,7 @@ def _callees(function: Any) -> Iterator[Any]:
         values += [getattr(v, n) for v in values if isinstance(v, ModuleType) for n in names if hasattr(v, n)]
         for value in (*values, *cells):
             inner = _implementations(value)[0]
-            if isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
+            # Not what numba has wrapped.
+            known = isinstance(value, FunctionType) or hasattr(value, "cache_info")
+            if known and isinstance(inner, FunctionType) and inner.__module__.startswith(f"{_PACKAGE.name}."):
                 yield value

@@ -952,7 +952,7 @@ class Simulation:
         wheels: tuple[float, ...] = ()
         # Transients and imbalances have no numbers for kernels.
         if self._load_from is not None and not transients and (self._wheels is None or not self._wheels.imbalances):
-            numbers = self._effects.numbers(seconds, dipole)
+            numbers = self._effects.numbers(seconds, dipole, plugins=True)
             wheels = self._wheels.now if self._wheels is not None and numbers else ()
         if transients:
             settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS

@@ -169,7 +169,7 @@ def test_short_arcs_come_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.MANY", 300)
     # As where no other process can compile, and none has.
     monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.is_cached", lambda name: False)
-    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.ask_for", lambda name: False)
+    monkeypatch.setattr("rb_dynamics.motion.fixed_step_kernel.ask_for", lambda *_: False)
     arc, _ = case(KINDS["doubling"], 5)
     (inertia, held, *_), control, phase = arc._what_acts, arc._control, arc._phase
     assert isinstance(control, AccuracyControl)

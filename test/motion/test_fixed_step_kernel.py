@@ -459,7 +459,7 @@ def test_threads_may_compile_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 def test_a_numba_that_is_switched_off_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """It would run the kernel in plain Python with numpy numbers, slower than without numba."""
     monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation._numba().config, "DISABLE_JIT", 1)
+    monkeypatch.setattr(compilation.loaded_numba().config, "DISABLE_JIT", 1)
 
     with pytest.raises(RuntimeError, match="NUMBA_DISABLE_JIT is set; unset it"):
         doubled(3.0)
@@ -536,7 +536,7 @@ def test_what_another_process_has_compiled_is_used_where_many_steps_are_taken_at
     kernel = fixed_step_kernel.OnDemand("rk4", lambda: None, "void()")
     ready: list[str] = []
     monkeypatch.setattr(fixed_step_kernel, "is_cached", lambda name: bool(ready))
-    monkeypatch.setattr(fixed_step_kernel, "ask_for", lambda name: True)
+    monkeypatch.setattr(fixed_step_kernel, "ask_for", lambda *_: True)
     monkeypatch.setattr(fixed_step_kernel, "failure_of", lambda name: "")
     monkeypatch.setattr(fixed_step_kernel, "available", lambda: True)
     monkeypatch.setattr(fixed_step_kernel, "_when", lambda: "auto")

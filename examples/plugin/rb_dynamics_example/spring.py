@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -14,6 +15,18 @@ from rb_dynamics.numerics.vector import ZERO, Vector, dot, scale, subtract
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.scene_entry import SceneEntry
+
+
+class Stretched(NamedTuple):
+    """Numbers of the load."""
+
+    stiffness: float
+    anchor: Vector
+
+
+def pulled(s: Stretched, point: Point) -> tuple[Vector, Vector]:
+    """Return the force (N, world axes) and no torque."""
+    return scale(-s.stiffness, subtract(point.position, s.anchor)), ZERO
 
 
 @dataclass(frozen=True)
@@ -50,17 +63,14 @@ class Spring(Effect):
         )
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
-        """Return the force (N, world axes) and no torque."""
-        return lambda point: (scale(-self.stiffness, self._stretch(point)), ZERO)
+        """Return the load as a function of a module and its numbers, so that it can be compiled."""
+        return partial(pulled, Stretched(self.stiffness, self.anchor_world))
 
     def potential(self, body: RigidBody) -> Potential:
         """Return the energy of the spring (J)."""
 
         def at(point: Point) -> float:
-            stretch = self._stretch(point)
+            stretch = subtract(point.position, self.anchor_world)
             return 0.5 * self.stiffness * dot(stretch, stretch)
 
         return at
-
-    def _stretch(self, point: Point) -> Vector:
-        return subtract(point.position, self.anchor_world)

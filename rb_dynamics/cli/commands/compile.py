@@ -9,6 +9,11 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rb_dynamics.motion.fixed_step_kernel import OnDemand
 
 HELP = "compile the kernels that runs use in advance"
 
@@ -40,8 +45,7 @@ def run(args: argparse.Namespace) -> int:
     if args.beside:
         from rb_dynamics.numerics.background_compilation import asked_for
 
-        # A cache that was deleted meanwhile is not made again.
-        names = (name for name in asked_for() if name in kernels and cache_folder().is_dir())
+        names = _ordered(kernels, asked_for())
     else:
         names = (name for name in args.names or kernels)
     for name in names:
@@ -57,3 +61,22 @@ def run(args: argparse.Namespace) -> int:
             print(f"{name:34} {done}", flush=True)
     print(f"in {cache_folder()}")
     return 1 if failed else 0
+
+
+def _ordered(kernels: dict[str, OnDemand], orders: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Yield the names of those kernels that can be compiled, functions of plug-ins included."""
+    from rb_dynamics.motion.plugin_kernels import kernel_of
+    from rb_dynamics.numerics.compilation import cache_folder, keep_failure
+
+    for name, order in orders:
+        if order:
+            try:
+                found = kernel_of(order)
+            except Exception as error:  # noqa: BLE001
+                keep_failure(name, f"another process cannot import it: {type(error).__name__}: {error}")
+                continue
+            # Not if its source has changed since.
+            kernels |= {found.name: found}
+        # A cache that was deleted meanwhile is not made again.
+        if name in kernels and cache_folder().is_dir():
+            yield name
