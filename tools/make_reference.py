@@ -444,7 +444,9 @@ def scene_page() -> str:
     for kind in ACTUATORS:
         tree = SMALLEST | {"effects": [field], "actuators": [{"type": kind}]}
         names = [key for key in keys(tree, "actuators[0]") if key != "type"]
-        rows = [(f"`{name}`", meaning(MEANING, name)) for name in names]
+        # Sensors may be without one.
+        required = {"frame": "one of `body.frames`, which gives its position and axes; required"}
+        rows = [(f"`{name}`", meaning(MEANING | required, name)) for name in names]
         parts += [f"### `{kind}`\n", f"{meaning(DRIVES, kind)}\n", table(("key", "meaning"), rows)]
     parts += ["## `sensors[]`\n", "[Add sensors](../how-to/sensors.md) explains them.\n"]
     parts.append(table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in COMMON_KEYS]))

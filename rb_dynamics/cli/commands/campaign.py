@@ -92,9 +92,9 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
         print(f"note: {remark}", file=sys.stderr)
     if goes_alone(campaign):
         print(
-            "note: these runs go one by one, some hundred times slower than side by side, which needs a scene without "
-            "effects, actuators or sensors, a solver.step, and delays that are whole multiples of it, as with step: in "
-            "the distribution (see docs/campaigns.md)",
+            "note: these runs go one by one, some hundred times slower than side by side; docs/campaigns.md says which "
+            "scenes go so: as a rule, under a law, those with a solver.step of which all delays are whole multiples "
+            "(step: in the distribution), or with reaction wheels, and without rotors and scheduled wrenches",
             file=sys.stderr,
         )
     with counting(args.campaign, "run", store.done, campaign.runs) as progress:

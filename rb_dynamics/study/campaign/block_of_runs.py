@@ -56,7 +56,7 @@ def simulate_block(campaign: Campaign, first: int, last: int, threads: int | Non
     """Return the rows of the runs from `first` up to, not including, `last`.
 
     Raises:
-        SceneError: a user function cannot be loaded, or returned an array of the wrong shape.
+        SceneError: a user function cannot be loaded, or lacks what it needs on this machine.
     """
     import numpy as np
 

@@ -25,7 +25,7 @@ from rb_dynamics.study.campaign.laws import LAWS, LawInput, Parameters, RandomSt
 from rb_dynamics.study.campaign.model import Campaign, Control
 from rb_dynamics.study.campaign.sampling import LAW, NOISE, generator
 from rb_dynamics.study.campaign.scenes import scenes_of
-from rb_dynamics.study.campaign.user_functions import called, called_for_numbers, find_function
+from rb_dynamics.study.campaign.user_functions import FunctionError, called, called_for_numbers, find_function
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
@@ -144,8 +144,7 @@ class ControlLoop:
         """Return what is commanded at the sample that is due now: nothing before each sensor has sent a message.
 
         Raises:
-            FunctionError: the law raised.
-            SceneError: the law did not return an array of the right shape, or commands something that does not exist.
+            FunctionError: the law raised, returned no array of the right shape, or commands what does not exist.
         """
         self._silent = onboard.silent
         if self._silent:
@@ -167,7 +166,9 @@ class ControlLoop:
         unit = {TORQUE: "N m", FORCE: "N", **self._units}.get(name)
         if unit is None:
             known = ", ".join([TORQUE, FORCE, *self._units])
-            raise SceneError(f"{self._name} returned a command for {name!r}, expected one of {known}; correct the law")
+            raise FunctionError(
+                f"{self._name} returned a command for {name!r}, expected one of {known}; correct the law"
+            )
         # The law may change its array later.
         plain = type(value) is np.ndarray and value.dtype == np.float64
         numbers: Numbers = np.array(value) if plain else called_for_numbers(self._name, lambda: value)
@@ -175,7 +176,7 @@ class ControlLoop:
         shape = (self._count, 3) if is_wrench else (self._count,)
         if numbers.shape != shape:
             what = f"a {name}" if is_wrench else f"a command to {name}"
-            raise SceneError(
+            raise FunctionError(
                 f"{self._name} returned an array of shape {numbers.shape}, expected {shape}: {what} for each body; "
                 "correct the law"
             )

@@ -72,7 +72,7 @@ def run_campaign(
     Raises:
         LogError: the rows cannot be written, or the scheduler cannot be reached.
         MissingExtraError: `scheduler` is given, and `distributed` is not installed.
-        SceneError: a user function returned a wrong type or shape.
+        SceneError: a user function cannot be loaded, or lacks what it needs on this machine.
     """
     if store.complete:
         return
@@ -110,9 +110,14 @@ def goes_side_by_side(campaign: Campaign) -> bool:
 
 
 def goes_alone(campaign: Campaign) -> bool:
-    """Return whether each run of `campaign` goes by itself; those with wheels go side by side by a kernel of theirs."""
+    """Return whether each run of `campaign` goes by itself: neither side by side, as with wheels, nor in turn."""
     with_wheels = available() and alike(Scenes(campaign).base, campaign.control) is not None
-    return not (goes_side_by_side(campaign) or with_wheels)
+    return not (goes_side_by_side(campaign) or with_wheels or _goes_in_turn(campaign))
+
+
+def _goes_in_turn(campaign: Campaign) -> bool:
+    base = Scenes(campaign).base
+    return base.combined_effects.compile and turn_of(base, campaign.control is not None) is not None
 
 
 def _commands_on_grid(campaign: Campaign, step: int | None) -> bool:
@@ -133,8 +138,7 @@ def _block(campaign: Campaign, workers: int) -> int:
     if goes_side_by_side(campaign) or (with_wheels and known_ahead(control)):
         least, most = _FEW, SIDE_BY_SIDE
     else:
-        in_turn = base.combined_effects.compile and turn_of(base, control is not None)
-        least, most = 1, IN_TURN if in_turn or with_wheels else ALONE
+        least, most = 1, IN_TURN if _goes_in_turn(campaign) or with_wheels else ALONE
     return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
 
 

@@ -14,7 +14,7 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.study.campaign.model import Campaign, Metric
-from rb_dynamics.study.campaign.user_functions import called_for_numbers, find_function
+from rb_dynamics.study.campaign.user_functions import FunctionError, called_for_numbers, find_function
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
@@ -159,8 +159,7 @@ class MetricAccumulator:
         user may keep state, and is always called.
 
         Raises:
-            FunctionError: a user function raised.
-            SceneError: it did not return one number per body.
+            FunctionError: a user function raised, or did not return one number per body.
         """
         time_s, count = float(samples.time_ns / NANOSECONDS), self._count
         for (name, *_), (function, reductions) in self._functions:
@@ -168,7 +167,7 @@ class MetricAccumulator:
                 continue
             values = called_for_numbers(f"metrics: {name}", function, samples)
             if values.shape != (count,):
-                raise SceneError(
+                raise FunctionError(
                     f"metrics: {name} returned an array of shape {values.shape}, expected ({count},): a number for "
                     "each body; correct the function"
                 )

@@ -16,7 +16,7 @@ _LONGEST_REASON = 300
 
 
 class FunctionError(RigidBodyError):
-    """A user function raised, or returned no finite number: the run fails."""
+    """A user function raised, or returned something else than the numbers expected of it: the run fails."""
 
 
 def find_function(name: str, known: Mapping[str, Callable[..., Any]], modules: UserModules) -> Callable[..., Any]:

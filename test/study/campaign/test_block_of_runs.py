@@ -341,9 +341,13 @@ BAD = {
     "huge": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), -1e200, {GOOD['torque']})"},
     "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
     "complex": {"torque": f"({GOOD['torque']}) * (1j if {FAST} else 1)"},
+    "none": {"torque": f"None if {FAST} else {GOOD['torque']}"},
+    "shape": {"torque": f"({GOOD['torque']})[:, : 2 if {FAST} else 3]"},
+    "name": {"torque": f"{{'nope' if {FAST} else 'torque': {GOOD['torque']}}}"},
     "exit": {"first": f"raise_ = __import__('sys').exit(3) if {FAST} else 0"},
     "generator": {"first": f"raise_ = (_ for _ in ()).throw(GeneratorExit()) if {FAST} else 0"},
     "quantity": {"quantity": f"[][1] if {LATE} else 0"},
+    "shape of a metric": {"quantity": f"if {LATE}: return 0.0"},
     "overwrite": {"quantity": f"if {LATE}: samples.angular_velocity_body[:] = 0.0"},
 }
 
@@ -369,6 +373,10 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
         r"N m, .*is more than the .* N m that the body can be simulated under",
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
         "complex": r"control.law: own_bad.law returned values of type complex128, expected real numbers",
+        "none": r"control.law: own_bad.law returned an array of shape \(\), expected \(1, 3\): a torque .*",
+        "shape": r"control.law: own_bad.law returned an array of shape \(1, 2\), expected \(1, 3\): a torque .*",
+        "name": r"control.law: own_bad.law returned a command for 'nope', expected one of torque, force; .*",
+        "shape of a metric": r"metrics: own_bad.quantity returned an array of shape \(\), expected \(1,\): a number .*",
         "exit": r"control.law: own_bad.law raised SystemExit: 3, own_bad.py:8",
         "generator": r"control.law: own_bad.law raised GeneratorExit, own_bad.py:8",
         "quantity": r"metrics: own_bad.quantity raised IndexError: list index out of range, own_bad.py:17",
@@ -378,7 +386,7 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path
     assert all(re.fullmatch(reason, found["error"][run]) for run in failed)
     assert np.isnan(found["final_rate"][failed]).all()
     assert not found["passed"][failed].any()
-    if bad not in ("quantity", "overwrite"):
+    if bad not in ("quantity", "overwrite", "shape of a metric"):
         assert failed == [run for run in range(24) if good["control.parameters.gain"][run] > 1.8]
     others = [run for run in range(24) if run not in failed]
     assert [rows(found)[run] for run in others] == [rows(good)[run] for run in others]

@@ -27,7 +27,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.campaign.block_of_runs import simulate_block
-from rb_dynamics.study.campaign.engine import run_campaign, simulate_on_worker
+from rb_dynamics.study.campaign.engine import goes_alone, goes_side_by_side, run_campaign, simulate_on_worker
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.store import Store, read_row, read_rows
@@ -107,6 +107,12 @@ def test_a_full_disk_keeps_what_is_on_it(tmp_path: Path, full_at: int, place: st
     assert not list(tmp_path.rglob("*.new"))
     assert Store(out, read_campaign(campaign)).done == full_at
     assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
+def test_runs_in_turn_do_not_go_alone() -> None:
+    rotor = read_campaign(ROOT / "config" / "campaigns" / "rotor.yaml")
+    assert not goes_side_by_side(rotor)
+    assert not goes_alone(rotor)
 
 
 def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
