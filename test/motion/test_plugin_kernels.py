@@ -62,10 +62,14 @@ def test_the_kernels_are_used(monkeypatch: pytest.MonkeyPatch, solver: Solver) -
 @needs_numba
 @pytest.mark.slow
 def test_with_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
-    wheel = ReactionWheel("wheel", (0.0, 0.6, 0.8), 0.01, max_torque=0.1)
-    plain, compiled = told(monkeypatch, replace(scene(Solver("rk4", step=0.01), MIXED), actuators=(wheel,)))
+    wheel = ReactionWheel(name="wheel", axis=(0.0, 0.6, 0.8), inertia=0.01, speed=20.0)
+    plain, compiled = told(monkeypatch, replace(scene(Solver("dop853", step=0.02), MIXED), actuators=(wheel,)))
 
     assert plain == compiled
+    assert isinstance(plain[0], str), plain
+    with fixed_step_kernel.counted_by(tally := fixed_step_kernel.Tally()):
+        Simulation(replace(scene(Solver("dop853", step=0.02), MIXED), actuators=(wheel,))).advance(NANOSECONDS)
+    assert sum(isinstance(each, PluginKernel) for each in tally.used) == 5
 
 
 @needs_numba

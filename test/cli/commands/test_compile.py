@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from rb_dynamics.cli import main
+from rb_dynamics.loads.plugin_load import PluginFunction, load_on_numbers
 from rb_dynamics.motion.kernels_to_compile import all_kernels, usual_kernels
+from rb_dynamics.motion.plugin_kernels import PluginKernel
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
 
@@ -34,3 +41,33 @@ def test_each_kernel_has_its_own_name() -> None:
     named = {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853", "_run_on_numbers_dlm6_with_effects"}
     assert named <= usual.keys() < every.keys()
     assert all(kernel.name == name for name, kernel in every.items())
+
+
+def test_functions_of_plugins_are_compiled_beside_unless_their_source_has_changed(
+    tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("numba")
+    (tmp_path / "own_pushes.py").write_text(
+        "def pushed(n, point):\n    return (n, 0.0, 0.0), (0.0, 0.0, n * point.time)\n", encoding="utf-8"
+    )
+    # The other process gets the path.
+    monkeypatch.syspath_prepend(tmp_path)
+    pushed = importlib.import_module("own_pushes").pushed
+    wanted = PluginKernel(PluginFunction("push", load_on_numbers, partial(pushed, 1.0)))
+    env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": str(root)}
+    # The folder is made by the run that asks.
+    folder = tmp_path / "rb_dynamics" / compilation.cache_folder().name
+    folder.mkdir(parents=True)
+    asked = [
+        f"{wanted.name} {wanted.order}",
+        f"load_on_numbers_before {wanted.order}",
+        "load_on_numbers_lost bm90aGluZw==",
+    ]
+
+    command = [sys.executable, "-m", "rb_dynamics", "compile", "--beside"]
+    subprocess.run(command, input="\n".join(asked), env=env, capture_output=True, text=True, check=True)
+
+    assert [path.stem for path in folder.glob("*.kernel")] == [wanted.name]
+    (failure,) = folder.glob("*.failure")
+    assert failure.stem == "load_on_numbers_lost"
+    assert failure.read_text(encoding="utf-8").startswith("another process cannot import it: UnpicklingError")
