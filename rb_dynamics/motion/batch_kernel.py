@@ -398,7 +398,8 @@ def each_part(do: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]
         return [do(parts[0]), *(other.result() for other in others)]
     finally:
         # Wait for all threads, even after an error: none may write to the arrays after this function returns.
-        wait(others)
+        if others:
+            wait(others)
 
 
 @cache

@@ -168,7 +168,7 @@ class WheelEnsemble:
         groups, size = len(self._rows), (self._arcs.shape[1] - GRID_POINT) // 3
         spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
         self._handed = (step, pair, together or step, 0 if together is None else 1, spare, results)
-        self._begin = self.phases.copy()
+        self._begin = self.phases
 
     def __len__(self) -> int:
         """Return the number of bodies."""
@@ -176,10 +176,13 @@ class WheelEnsemble:
 
     @property
     def phases(self) -> Numbers:
-        """(N, `PHASE` + ...), the present phases, with the sums of the states of the wheels and their rounding."""
+        """(N, `PHASE` + ...), a copy of the present phases, with the sums of the wheels' states and their rounding."""
+        import numpy as np
+
         size = (self._arcs.shape[1] - GRID_POINT) // 3
-        columns = self._arcs[:, GRID_POINT + 2 * size :].transpose(1, 0, 2).reshape(size, -1)
-        return columns[:, : len(self)].T
+        # Each number of all bodies in a row: so they are read.
+        columns = np.array(self._arcs[:, GRID_POINT + 2 * size :].transpose(1, 0, 2), order="C")
+        return columns.reshape(size, -1)[:, : len(self)].T
 
     @property
     def left_behind(self) -> npt.NDArray[np.bool_]:
@@ -232,7 +235,7 @@ class WheelEnsemble:
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
         if self._samples is None:
-            phases, time_ns = self.phases.copy("K"), self.time_ns
+            phases, time_ns = self.phases, self.time_ns
             speeds, told = lambda: self._speeds(phases), lambda: self._told(phases, time_ns)
             self._samples = WheelSamples(self._body, self._start, phases, time_ns, speeds, told)
         return self._samples
