@@ -69,6 +69,7 @@ _NEEDED = frozenset(
         Opcode.ATTACHMENT,
         Opcode.METADATA,
         Opcode.STATISTICS,
+        Opcode.DATA_END,
     )
 )
 # Stands for the opcode of a chunk that is cut off by the end of the file; no record has it.
@@ -226,7 +227,8 @@ class McapFile:
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
-        channels: by channel id.
+        channels: by channel id; of several declarations of one the first in the data counts.
+        doubtful: ids of channels that only a damaged summary declares.
         span_ns: log times of the first and the last message; None without any.
     """
 
@@ -240,9 +242,14 @@ class McapFile:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, McapChannel] = field(default_factory=dict)
+    doubtful: set[int] = field(default_factory=set)
     span_ns: tuple[int, int] | None = None
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    # Opcode and id of the schemas and channels declared in the data, which no later declaration replaces.
+    _declared: set[tuple[int, int]] = field(default_factory=set)
     _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    _summary_damaged: bool = False
+    _data_end: int = 0
     _counts: Counter[str] = field(default_factory=Counter)
     _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
@@ -291,6 +298,7 @@ class McapFile:
         size = os.fstat(file.fileno()).st_size
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
+        self._declared.clear()
         self._note_summary(file, size)
         self._held, self._held_bytes = [], 0
         self._loose.clear()
@@ -303,6 +311,7 @@ class McapFile:
             raise
 
     def _taken(self, file: BinaryIO, size: int, take: _Take[_Read]) -> Iterator[_Read]:
+        data_ended = False
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
                 if opcode == Opcode.MESSAGE:
@@ -315,6 +324,11 @@ class McapFile:
                     yield from self._cut_chunk(content, take)
                 elif opcode == Opcode.CHUNK:
                     yield from self._chunk(content, unpacked, take)
+                elif opcode == Opcode.DATA_END:
+                    yield from self._held_messages(take)
+                    data_ended = True
+                    if self.salvage and not self.damage:
+                        self._hold_data_checksum(content)
                 elif opcode == Opcode.FOOTER:
                     yield from self._held_messages(take)
                     self.complete = file.read(len(MAGIC)) == MAGIC
@@ -323,7 +337,7 @@ class McapFile:
                 elif opcode != Opcode.MESSAGE:
                     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                         yield from self._held_messages(take)
-                    self._note_loose(opcode, content)
+                    self._note_loose(opcode, content, summary=data_ended)
         yield from self._held_messages(take)
 
     def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Generator[_Prepared, None, None]:
@@ -367,6 +381,11 @@ class McapFile:
             ):
                 file.seek(start)
                 summary, at = file.read(end - start), 0
+                said = _FOOTER.unpack(footer)[2]
+                if said and zlib.crc32(head + footer[:-4], zlib.crc32(summary)) != said:
+                    self._summary_damaged = True
+                    what = "has a summary whose checksum does not fit its content"
+                    self.damage.append(f"{self._damage(what)}; what the data say counts")
                 while at + _RECORD.size <= len(summary):
                     opcode, length = _RECORD.unpack_from(summary, at)
                     at += _RECORD.size + length
@@ -376,12 +395,12 @@ class McapFile:
                             begin_ns, end_ns, place = _Fields(content, self._damage).take("QQQ")
                             self._chunks[place] = begin_ns, end_ns
                         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                            self._note(opcode, content)
+                            self._note(opcode, content, summary=True)
         file.seek(begin)
 
-    def _note_loose(self, opcode: int, content: bytes) -> None:
+    def _note_loose(self, opcode: int, content: bytes, summary: bool) -> None:
         try:
-            self._note(opcode, content)
+            self._note(opcode, content, summary)
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage:
                 raise
@@ -527,6 +546,8 @@ class McapFile:
             if opcode in _NEEDED:
                 if length > MAX_RECORD_BYTES:
                     raise self._damage(f"has a record of {length} bytes at {start}, more than {MAX_RECORD_BYTES}")
+                if opcode == Opcode.DATA_END:
+                    self._data_end = start - _RECORD.size
                 yield opcode, file.read(length)
                 if opcode == Opcode.FOOTER:
                     return
@@ -594,9 +615,19 @@ class McapFile:
             return None
         return Message(channel, log_time, publish_time, data[content:end])
 
-    def _note(self, opcode: int, content: bytes) -> None:
-        """Keep the content of a record other than a message."""
+    def _note(self, opcode: int, content: bytes, summary: bool = False) -> None:
+        """Keep the content of a record other than a message; `summary`: of one that may repeat those in the data."""
         fields = _Fields(content, self._damage)
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            (number,) = _Fields(content, self._damage).take("H")
+            if (opcode, number) in self._declared:
+                return
+            if not summary:
+                self._declared.add((opcode, number))
+                if opcode == Opcode.CHANNEL:
+                    self.doubtful.discard(number)
+            elif opcode == Opcode.CHANNEL and self._summary_damaged:
+                self.doubtful.add(number)
         if opcode == Opcode.SCHEMA:
             (schema_id,) = fields.take("H")
             self._schemas[schema_id] = Schema(fields.text(), fields.text(), fields.block("I"))
@@ -620,6 +651,17 @@ class McapFile:
         elif opcode == Opcode.STATISTICS:
             messages, _, _, attachments, records = fields.take("QHIII")
             self._statistics = {"messages": messages, "attachments": attachments, "metadata records": records}
+
+    def _hold_data_checksum(self, content: bytes) -> None:
+        """Note as damage what no chunk's checksum covers: the data section has one, too; 0 means that it has none."""
+        (said,) = _Fields(content, self._damage).take("I")
+        if said:
+            with self.path.open("rb") as file:
+                # Most writers include the magic bytes at the start of the file, some do not.
+                if said in (_checksum(file, begin, self._data_end) for begin in (0, len(MAGIC))):
+                    return
+            what = "has a data section whose checksum does not fit its content, while those of its chunks do"
+            self.damage.append(f"{self._damage(what)}; the index, metadata or an attachment may be wrong")
 
     def _hold_statistics(self) -> None:
         """Compare what was read with the file's own statistics: a piece may be missing, or be there twice.
@@ -719,6 +761,15 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
             place = part.find(Opcode.CHUNK, place + 1)
         at += len(part)
     file.seek(start)
+    return found
+
+
+def _checksum(file: BinaryIO, begin: int, end: int) -> int:
+    """Return the checksum of a part of a file."""
+    file.seek(begin)
+    found = 0
+    while begin < end and (part := file.read(min(2**20, end - begin))):
+        found, begin = zlib.crc32(part, found), begin + len(part)
     return found
 
 

@@ -105,9 +105,12 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
             missing = ", ".join(f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing)
             told = {"reason": " and ".join(found), "last_message_ns": str(facts.end_ns), "missing_ns": missing}
             old.metadata.setdefault(INTERRUPTED, told)
-        copy.finish(old.channels.values(), old.attachments, old.metadata)
+        # What a damaged summary alone says of channels is copied only where it gives messages their topic.
+        declared = old.channels.items()
+        channels = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
+        copy.finish(channels, old.attachments, old.metadata)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
-    return Recovered(facts, state, list(old.channels.values()), old.damage, old.missing, next_file(old.metadata))
+    return Recovered(facts, state, channels, old.damage, old.missing, next_file(old.metadata))
 
 
 class Copy:

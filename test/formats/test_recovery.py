@@ -13,6 +13,7 @@ from bag_rows import STAMPED, Row, stamped, write_rows
 from rb_dynamics import parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.mcap_records import Opcode
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -135,6 +136,37 @@ def test_zeros_between_chunks_cost_no_chunk_behind_them(tmp_path: Path) -> None:
         log.write_bytes(data[:place] + bytes(9) + data[place + 9 :])
         recover(log, saved)
         assert read_bag(saved).topics["/pose"].log_times.tolist() == before
+
+
+@pytest.mark.parametrize("text", [b"float64 x", b"/twist"])
+def test_a_flip_in_the_summary_is_named_and_what_the_data_say_is_copied(tmp_path: Path, text: bytes) -> None:
+    log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    (whole,) = recover(log, saved)
+    assert (whole.state, whole.damage) == ("whole", [])
+    data = bytearray(log.read_bytes())
+    (summary,) = struct.unpack_from("<Q", data, len(data) - 28)
+    data[data.index(text, summary) + len(text) - 1] ^= 1
+    log.write_bytes(data)
+    (found,) = recover(log, saved)
+    assert found.state == "damaged"
+    assert "summary whose checksum does not fit" in found.damage[0]
+    assert found.channels == whole.channels
+
+
+def test_a_flip_that_only_the_checksum_of_the_data_covers_is_named(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
+    log = write_rows(tmp_path / "a.mcap", rows, enable_data_crcs=True)
+    (whole,) = recover(log, tmp_path / "saved.mcap")
+    assert whole.state == "whole"
+    data, at = bytearray(log.read_bytes()), 8
+    while data[at] != Opcode.MESSAGE_INDEX:
+        at += 9 + int(struct.unpack_from("<Q", data, at + 1)[0])
+    data[at + 8 + int(struct.unpack_from("<Q", data, at + 1)[0])] ^= 1
+    log.write_bytes(data)
+    (found,) = recover(log, tmp_path / "saved.mcap")
+    assert found.state == "damaged"
+    assert "data section whose checksum does not fit" in found.damage[0]
 
 
 @pytest.mark.parametrize("name", ["bag.mcap", "bag.db3"])
