@@ -45,6 +45,9 @@ LEAST_GYRATION = 0.1
 FAR, CLOSE = 0.3, 0.1
 """A slip explains an inertia that is farther than FAR from that of the mesh, if undoing it comes within CLOSE."""
 
+ROUND_OFF = 1e-3
+"""Being about the origin explains a smaller difference, of 10 ROUND_OFF at least, if undoing it comes within this."""
+
 
 class Symmetry(str, Enum):
     """Which principal moments are equal: all, the two smaller (a disc), the two larger (a rod), or none.
@@ -218,6 +221,11 @@ def _inertia(body: RigidBody, uniform: Matrix) -> Finding | None:
             if inertia_mistakes.is_body(slip.undone) and inertia_mistakes.difference(slip.undone, uniform) <= CLOSE:
                 return Finding(slip.name, seen, f"{slip.how} it agrees within {CLOSE:.0%}", slip.remedy)
         return Finding("mesh", seen, "no common mistake explains it", "check axes, units, and how uniform the body is")
+    shifted = inertia_mistakes.about_center(body.inertia, body.mass, body.center_of_mass)
+    if apart > 10 * ROUND_OFF and inertia_mistakes.difference(shifted, uniform) <= ROUND_OFF:
+        how = f"taken as about the body origin and moved to the centre of mass it agrees within {ROUND_OFF:g}"
+        remedy = "give the inertia about the centre of mass c: subtract m (|c|^2 1 - c c^T)"
+        return Finding("about-origin", seen, how, remedy)
     # Products are small beside moments, so that a wrong sign is not far: it has to halve the difference.
     opposite = inertia_mistakes.difference(inertia_mistakes.negated(body.inertia), uniform)
     if opposite < 0.5 * apart and inertia_mistakes.largest_product(uniform) > 0.01:

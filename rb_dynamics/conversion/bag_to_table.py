@@ -60,6 +60,7 @@ ANGULAR_ACCELERATION = Quantity("angular_acceleration", _XYZ, "rad/s^2", "rad_s2
 FORCE = Quantity("force", _XYZ, "N", "N")
 TORQUE = Quantity("torque", _XYZ, "N m", "N_m")
 VECTOR_PART = Quantity("vector", _XYZ, "", "")
+MAGNETIC = Quantity("magnetic_field", _XYZ, "T", "T")
 VALUE = Quantity("value", ("",), "", "")
 MASS = Quantity("mass", ("",), "kg", "kg")
 CENTER_OF_MASS = Quantity("center_of_mass", _XYZ, "m", "m")
@@ -77,7 +78,11 @@ QUANTITIES: dict[str, tuple[tuple[Quantity, int], ...]] = {
     types.VECTOR: ((VECTOR_PART, 0),),
     types.SCALAR: ((VALUE, 0),),
     types.INERTIA: ((MASS, 0), (CENTER_OF_MASS, 1), (INERTIA_PART, 4)),
+    types.QUATERNION: ((ORIENTATION, 0),),
+    types.MAGNETIC_FIELD: ((MAGNETIC, 0),),
 }
+# Fields of the types that only tables have, and no analysis reads.
+_FIELDS = {types.QUATERNION: (2,), types.MAGNETIC_FIELD: (2,)}
 
 _SIX, _THREE = ("x", "y", "z", "rx", "ry", "rz"), ("x", "y", "z")
 _PRODUCTS = {("", ""): "m^2", ("r", "r"): "rad^2"}
@@ -252,7 +257,7 @@ def _refuse(unread: Mapping[str, _Unread]) -> None:
 
 def _taken(block: MessageBlock, kind: str, fields: tuple[int, ...] | None = None) -> Topic:
     """Return the messages of a block as arrays, with what is damaged among them counted."""
-    topic = Topic(block.channel.topic, kind, bears=True, fields=fields)
+    topic = Topic(block.channel.topic, kind, bears=True, fields=fields or _FIELDS.get(kind))
     topic.take(block)
     with contextlib.suppress(LogError):
         _ = topic.numbers

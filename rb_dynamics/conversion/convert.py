@@ -11,6 +11,7 @@ import csv
 import itertools
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 from rb_dynamics.conversion.bag_to_table import (
     ORIENTATION,
     POSITION,
+    QUANTITIES,
     Poses,
     Skip,
     Span,
@@ -103,6 +105,7 @@ class _Input:
     source: Source
     kinds: dict[str, str]
     motion_ns: int
+    counts: Counter[str]
 
     def span(self, window_s: Window) -> Span:
         """Return the log times of a window: s of simulation time, or since the first message of a motion.
@@ -174,6 +177,8 @@ def to_table(
         return _samples_to_table(own, target, beside, skip, window_s)
     kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
     quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics, covariances)
+    for each in inputs:
+        _name_left_out(each, topics)
     spans = {each.path: each.span(window_s) for each in inputs}
     blocks = table_of([each.path for each in inputs], quantities, topics, spans, skip)
     return [Written(target, write_table(target, columns_of(quantities), blocks), "messages")]
@@ -195,11 +200,12 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
     """Yield each input; `split`: with the pairs of frames of a log of this package too."""
     found = False
     for number, path in enumerate(map(Path, paths)):
-        source, kinds = open_source(path), dict[str, str]()
+        source, kinds, counts = open_source(path), dict[str, str](), Counter[str]()
         first: dict[bool, int] = {}
         try:
             for block in source.blocks():
                 kinds[block.channel.topic] = kind = named_type(block.channel)
+                counts[block.channel.topic] += len(block.log_times)
                 moves, begin_ns = kind in _MOTIONS, int(block.log_times.min())
                 first[moves] = min(first.get(moves, begin_ns), begin_ns)
                 if kind == TRANSFORMS and (split or RUN not in source.metadata):
@@ -210,7 +216,19 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
             skip(path, error)
             continue
         found = True
-        yield _Input(source.path, source, kinds, first.get(True, first.get(False, 0)))
+        yield _Input(source.path, source, kinds, first.get(True, first.get(False, 0)), counts)
+
+
+def _name_left_out(found: _Input, topics: Sequence[str]) -> None:
+    """Warn of topics with messages, of those wanted, whose quantities are not known."""
+    wanted = {name.lstrip("/") for name in topics}
+    left = [
+        f"{topic} ({kind}, {found.counts[topic]} messages)"
+        for topic, kind in sorted(found.kinds.items())
+        if kind not in (*QUANTITIES, TRANSFORMS) and (not wanted or topic.lstrip("/") in wanted)
+    ]
+    if left:
+        _logger.warning("%s: left out, as types without known quantities: %s", found.path, ", ".join(left))
 
 
 def _samples_to_table(
@@ -319,6 +337,7 @@ def log_to_rerun(
     (found,) = _looked_through([log], None, bool(topics))
     if topics or not found.own:
         quantities_of(found.kinds, str(found.path), topics)
+        _name_left_out(found, topics)
         return bag_to_rerun(found.path, target, topics, found.span(window_s), skip)
     source = found.source
     scene, names = scene_and_names(source, _TO_CONVERT)

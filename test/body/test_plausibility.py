@@ -223,6 +223,16 @@ class TestComparison:
 
         assert finding.name == "about-origin"
 
+    def test_slightly_about_the_origin(self) -> None:
+        """A difference that uneven mass could make is an offset's where undoing that leaves nothing."""
+        body = slanted((0.1, 0.05, 0.15))
+        wrong = (np.array(body.inertia) + steiner(body)).tolist()
+
+        (finding,) = self.found(wrong, body.center_of_mass)
+
+        assert finding.name == "about-origin"
+        assert self.found(wrong, (0.1, 0.0, 0.0)) == ()
+
     @pytest.mark.parametrize(("factor", "unit"), inertia_mistakes.UNITS)
     def test_units(self, factor: float, unit: str) -> None:
         (finding,) = self.found((np.array(slanted().inertia) * factor).tolist())

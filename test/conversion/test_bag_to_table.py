@@ -34,6 +34,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.message_types import MAGNETIC_FIELD, QUATERNION
 from rb_dynamics.formats.topic_messages import KEPT
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -389,4 +390,26 @@ def wrench_log(path: Path, count: int) -> Path:
 
 
 def test_every_type_that_is_kept_has_quantities() -> None:
-    assert {*QUANTITIES} == {*KEPT}
+    assert {*QUANTITIES} == {*KEPT, QUATERNION, MAGNETIC_FIELD}
+
+
+def test_the_messages_of_attitude_sensors_come_out_and_types_that_are_not_known_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [
+        ("/star", QUATERNION, 5, cdr.encode(QUATERNION, 3, "body", (0.0, 0.6, 0.0, 0.8))),
+        ("/field", MAGNETIC_FIELD, 6, cdr.encode(MAGNETIC_FIELD, 4, "body", (1e-5, 2e-5, 3e-5), (0.0,) * 9)),
+        ("/poses", "geometry_msgs/msg/PoseArray", 7, b""),
+        ("/poses", "geometry_msgs/msg/PoseArray", 8, b""),
+    ]
+    bag, table = write_rows(tmp_path / "a.mcap", rows), tmp_path / "a.csv"
+    (written,) = to_table([bag], table)
+    star, field = csv.DictReader(table.read_text().splitlines())
+    assert written.rows == 2
+    assert [float(star[f"orientation_{axis}"]) for axis in "xyzw"] == [0.0, 0.6, 0.0, 0.8]
+    assert (star["stamp_ns"], star["frame_id"]) == ("3", "body")
+    assert [float(field[f"magnetic_field_{axis}_T"]) for axis in "xyz"] == [1e-5, 2e-5, 3e-5]
+    assert "/poses (geometry_msgs/msg/PoseArray, 2 messages)" in caplog.text
+    caplog.clear()
+    to_table([bag], table, ["star"])
+    assert not caplog.text
