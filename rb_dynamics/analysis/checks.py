@@ -131,7 +131,16 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         return Check(name, True, f"{count} samples")
     if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
         return Check(name, False, lacks)
-    return Check(name, True, f"{count} samples, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
+    again = _repeated(series)
+    repeats = f", of which {again} repeat the one before, with its time" if again else ""
+    return Check(name, True, f"{count} samples{repeats}, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
+
+
+def _repeated(series: TimeSeries) -> int:
+    """Return how many samples are recorded again, as by two recorders or a topic that is published twice."""
+    at = np.flatnonzero(np.diff(series.time_ns) == 0)
+    found = (np.array_equal(series.values[row], series.values[row + 1], equal_nan=True) for row in at.tolist())
+    return sum(found)
 
 
 def _damaged(track: Track) -> list[Topic]:

@@ -125,8 +125,8 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     """Return the wrenches by channel; topics of a bag by the channel that they drove in the run `flown` from it."""
     driven = {} if track.own else driven_of(flown.bag.metadata)
     channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
-    names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.acting]
-    return {channels.get(name, name): steps for name, steps in zip(names, track.acting, strict=True)}
+    names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.recorded]
+    return {channels.get(name, name): steps for name, steps in zip(names, track.recorded, strict=True)}
 
 
 def _of_actuators(

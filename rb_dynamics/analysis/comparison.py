@@ -7,6 +7,7 @@ the two is named, not corrected.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ from rb_dynamics.analysis.command_differences import CommandDifference, command_
 from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal, differences
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, Times, Track
+from rb_dynamics.analysis.transform_tree import is_fixed, pose_between
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
@@ -632,9 +634,16 @@ def _frames(a: Track, b: Track) -> list[str]:
     if a.twist and b.twist and not (a.twist_in_world or b.twist_in_world):
         frames = [each.frame.lstrip("/") for each in (a.twist, b.twist)]
         if "" not in frames and frames[0] != frames[1]:
+            said = "which nothing in the recordings says"
+            for track in (a, b):
+                with contextlib.suppress(LogError):
+                    between = pose_between(track.bag, frames[0], frames[1])
+                    if all(is_fixed(track.bag.topics[name]) for name in between.topics):
+                        said = f"although {track.bag.path} says how they are fixed to each other: name the body's in a "
+                        said += "scene, as body.frame, and give it with --scene SCENE"
             told.append(
                 f'The twists of A are of the frame "{frames[0]}", those of B of "{frames[1]}": they are taken as one '
-                "body frame, which nothing in the recordings says."
+                f"body frame, {said}."
             )
     if a.twist_in_world != b.twist_in_world and a.twist and b.twist:
         told.append(

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channel_of
 from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.stamp_order import disorder
 from rb_dynamics.analysis.track import (
@@ -105,6 +106,23 @@ def _whole_rows(true: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return whole if true.all() else np.logical_and.reduce(true, axis=1, out=whole)
 
 
+@dataclass(frozen=True)
+class _Mount:
+    """A frame that is fixed to the body.
+
+    Attributes:
+        body: the frame of the body, in words.
+        source: what says so.
+        turn: rotation from the axes of the frame to those of the body, xyzw.
+        place: its origin from that of the body, m, body axes.
+    """
+
+    body: str
+    source: str
+    turn: Array
+    place: Array
+
+
 class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
@@ -154,7 +172,7 @@ class _TrackReader:
             angular, linear, kinetic = self._computed(pose, twist, twist_in_world, body)
             momenta_from = f"pose, twist and the mass properties of {body_from}" if angular else ""
         self._note_unused()
-        return Track(
+        track = Track(
             bag=self.bag,
             own=own,
             pose=pose,
@@ -176,6 +194,10 @@ class _TrackReader:
             rates=rates,
             specific_force=self.specific_force,
         )
+        if self.scene is None:
+            return track
+        held = acting_wrenches(wrenches, self.scene, self.bag.missing, track.zero_ns)
+        return replace(track, by_scene=held)
 
     def _nothing(self) -> LogError:
         """Return the error of a bag without anything to inspect, with the table of its topics."""
@@ -274,7 +296,13 @@ class _TrackReader:
         time_ns, values = read(topic)
         if strays:
             time_ns, values = time_ns[kept], values[kept]
-        return replace(self._cleaned(use, topic, time_ns, values, frame), strays=strays)
+        series = replace(self._cleaned(use, topic, time_ns, values, frame), strays=strays)
+        if self.bag.topics[topic].type_name in IMUS:
+            return series
+        if use == "pose":
+            kinds = self.bag.topics[topic].kinds[0]
+            frame = self._main_frame(self.bag.topics[topic], True)[0] if any(len(each) > 1 for each in kinds) else ""
+        return self._of_body(use, series, frame)
 
     def _of_imu(self, use: str, topic: str, part: slice, places: slice, width: int) -> TimeSeries | None:
         """Return what an IMU measures, in the `places` of rows of `width`, the others NaN; None if it does not."""
@@ -294,31 +322,87 @@ class _TrackReader:
         return replace(found, values=values, frame="" if use == "pose" else found.frame)
 
     def _mounting(self, topic: str, frame: str) -> Array:
-        """Return the rotation from the axes of a sensor to those of the body, as scene or /tf_static says."""
-        bodies = {self._body_frame(), self.choice.frames[1] if self.choice.frames else "", *self._child_frames()} - {""}
-        turn, note = np.array([0.0, 0.0, 0.0, 1.0]), ""
-        fixed = (self.scene.frames.fixed or {}) if self.scene else {}
-        if frame in fixed:
-            turn = np.array(fixed[frame].orientation_xyzw)
-            note = f"The axes of {topic} ({frame}) are turned to those of the body, as the scene says."
-        elif frame not in {"", *bodies}:
+        """Return the rotation from the axes of an IMU to those of the body, as scene or /tf_static says."""
+        found, note = self._mount(frame), ""
+        if found is not None:
+            note = f"The axes of {topic} ({frame}) are turned to those of {found.body}, as {found.source} says."
+        elif frame not in {"", *self._bodies()}:
             note = (
                 f"The axes of {topic} ({frame}) are taken for those of the body: nothing here says how the sensor is "
                 "mounted."
             )
-            for body in sorted(bodies):
-                with contextlib.suppress(LogError):
-                    found = pose_between(self.bag, body, frame)
-                    if all(is_fixed(self.bag.topics[name]) for name in found.topics):
-                        turn = found.values[-1, 3:]
-                        note = f"The axes of {topic} ({frame}) are turned to those of {body}, as /tf_static says."
         self.notes += [note] if note and note not in self.notes else []
-        return turn
+        return np.array([0.0, 0.0, 0.0, 1.0]) if found is None else found.turn
+
+    def _mount(self, frame: str) -> _Mount | None:
+        """Return how a frame is fixed to that of the body; None if it is the body's, or nothing says so."""
+        fixed = (self.scene.frames.fixed or {}).get(frame) if self.scene else None
+        if fixed is not None:
+            return _Mount("the body", "the scene", np.array(fixed.orientation_xyzw), np.array(fixed.position))
+        known = frame and frame not in self._worlds() and RUN not in self.bag.metadata
+        for body in self._bodies() if known else ():
+            if frame.lstrip("/") == body.lstrip("/"):
+                return None
+            with contextlib.suppress(LogError):
+                found = pose_between(self.bag, body, frame)
+                if all(is_fixed(self.bag.topics[name]) for name in found.topics):
+                    return _Mount(body, "/tf_static", found.values[-1, 3:], found.values[-1, :3])
+        return None
+
+    def _bodies(self) -> list[str]:
+        """Return what the frame of the body may be called: as scene, user and pose say."""
+        asked = self.choice.frames[1] if self.choice.frames else ""
+        return [name for name in dict.fromkeys((self._body_frame(), asked, *self._child_frames())) if name]
+
+    def _of_body(self, use: str, series: TimeSeries, frame: str) -> TimeSeries:
+        """Return the pose or the twist of the body origin, in body axes, of that of a frame fixed to the body."""
+        mount = self._mount(frame)
+        if mount is None:
+            self._note_unknown_mount(frame)
+            return series
+        values = np.empty_like(series.values)
+        if use == "pose":
+            values[:, 3:] = product(series.values[:, 3:], mount.turn * np.array([-1.0, -1.0, -1.0, 1.0]))
+            values[:, :3] = series.values[:, :3] - rotate_all(values[:, 3:], mount.place)
+        else:
+            values[:, 3:] = rotate_all(mount.turn, series.values[:, 3:])
+            values[:, :3] = rotate_all(mount.turn, series.values[:, :3]) - np.cross(values[:, 3:], mount.place)
+        note = (
+            f"{series.topic} tells of {frame}: its {use} is converted to that of {mount.body}, as {mount.source} says "
+            "how the two are fixed to each other."
+        )
+        self.notes += [note] if note not in self.notes else []
+        named = mount.body if mount.source != "the scene" else self._body_frame()
+        return replace(series, values=values, frame=series.frame if use == "pose" else named)
+
+    def _note_unknown_mount(self, frame: str) -> None:
+        """Note that a frame is taken for the body's although a scene names another, and /tf_static knows of more."""
+        body = self._body_frame()
+        held = [
+            parent
+            for (parent, child), topic in pairs(self.bag).items()
+            if child == frame.lstrip("/") and is_fixed(topic)
+        ]
+        if not held or frame.lstrip("/") == body.lstrip("/") or not body:
+            return
+        note = (
+            f"{frame} is taken for the frame of the body: /tf_static says that it is fixed to {held[0]}, but not how "
+            f"to {body!r}, as the scene calls that of the body; name it there, as body.frame."
+        )
+        self.notes += [note] if note not in self.notes else []
 
     def _child_frames(self) -> set[str]:
         """Return the frame of the body as the topic of the pose names it."""
+        return {texts[1] for texts in self._pose_frames() if len(texts) > 1}
+
+    def _worlds(self) -> set[str]:
+        """Return what the world frame may be called: as scene and pose say."""
+        return {texts[0] for texts in self._pose_frames()} | ({self.scene.frames.world_frame} if self.scene else set())
+
+    def _pose_frames(self) -> list[tuple[str, ...]]:
+        """Return the frames that the topics of the pose name first; an IMU names none but its own."""
         topics = [self.bag.topics[name] for name, use in self.uses.items() if "pose" in use]
-        return {texts[1] for topic in topics for texts in topic.kinds[0][:1] if len(texts) > 1}
+        return [texts for topic in topics if topic.type_name not in IMUS for texts in topic.kinds[0][:1] if texts]
 
     def _body_frame(self) -> str:
         return self.scene.frames.body_frame if self.scene else ""
@@ -335,7 +419,8 @@ class _TrackReader:
         strays: dict[str, int] = {}
         for name in found.topics:
             strays |= self._main_frame(self.bag.topics[name], child=False)[1]
-        return TimeSeries(fastest, found.time_ns, found.values, world, strays=strays)
+        series = TimeSeries(fastest, found.time_ns, found.values, world, strays=strays)
+        return self._of_body("pose", series, body.lstrip("/"))
 
     def _rates(self, pose: TimeSeries | None) -> TimeSeries | None:
         """Return the rates that the pose gives; None without, and with a position that is not known."""
@@ -442,12 +527,12 @@ class _TrackReader:
         if topics and not (own or applied):
             self.notes.append(
                 "The bag says what was commanded, not what acted: each wrench is assumed to act from its stamp until "
-                "the next of its topic, and nothing else is assumed to act."
+                f"the next of its topic{self._as_in_scene(topics)}."
             )
         chosen = applied if (own or applied) and not asked else topics
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
         steps = tuple(
-            _steps(self.bag, topic, frames, self._limits(topic), self._later(topic), self.notes)
+            _steps(self.bag, topic, frames, channel_of(topic, self.scene), self._later(topic), self.notes)
             for topic in sorted(chosen)
         )
         for held in steps:
@@ -460,19 +545,33 @@ class _TrackReader:
                 )
         return steps, own or bool(chosen)
 
+    def _as_in_scene(self, topics: Sequence[str]) -> str:
+        """Return what else is assumed of wrenches on `topics` and of what acts, as the end of a sentence."""
+        if self.scene is None:
+            return ", and nothing else is assumed to act"
+        told = [
+            f"{topic} with its {name} of {value:g} s"
+            for topic in topics
+            if (channel := channel_of(topic, self.scene)) is not None
+            for name, value in (("delay", channel.delay), ("timeout", channel.timeout))
+            if value
+        ]
+        acting = self.scene.combined_effects.effects
+        others = ", ".join(dict.fromkeys(each.kind for each in acting if each not in self.scene.actuators))
+        besides = f"the scene adds {others}" if others else "nothing else is assumed to act"
+        return f"{', as the scene says: ' if told else ''}{', '.join(told)}; {besides}"
+
     def _unrecorded(self) -> str:
         """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag."""
-        found = list(self.scene.combined_effects.varying) if self.scene is not None else []
+        found: list[str] = []
+        if self.scene is not None:
+            acting = (*self.scene.combined_effects.varying, *(each.kind for each in self.scene.actuators))
+            found = [*dict.fromkeys(acting)]
         joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
         return "; ".join(
             [f"the scene has {', '.join(found)}"] * bool(found)
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )
-
-    def _limits(self, topic: str) -> Channel | None:
-        """Return the scene's channel of commands on `topic`, whose limits it kept."""
-        name, channels = topic.removeprefix("/"), () if self.scene is None else self.scene.channels
-        return next((channel for channel in channels if channel.topic.removeprefix("/") == name), None)
 
     def _later(self, topic: str) -> int:
         """Return by how much (ns) the log times of a topic without stamps are later than the stamps of the motion.

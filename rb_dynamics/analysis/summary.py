@@ -537,7 +537,7 @@ def _missing(track: Track) -> list[str]:
             "No mass properties: momenta and energy are not computed. Give them as a scene file with --scene SCENE "
             "(its keys body.mass, body.center_of_mass and body.inertia are used)."
         )
-    if track.momenta_from and not track.acted and not track.own:
+    if track.momenta_from and not track.wrenches and not track.own:
         lacks.append(
             "No wrench topic: a change of momentum or energy cannot be distinguished from a defect, and is not judged."
         )

@@ -143,6 +143,7 @@ class Track:
         momenta_from: source of momenta and kinetic energy: "the log", or what they are computed from; "" without.
         wrenches: applied wrenches; commands, if a bag has no applied wrenches.
         acted: whether `wrenches` are known to be complete.
+        by_scene: what acts of commands by a scene, and what the scene itself holds; None without a scene.
         unrecorded: what moved the body beside them, as text; "" if nothing is known to.
         body: mass properties.
         body_from: source of the mass properties; "" without.
@@ -169,6 +170,7 @@ class Track:
     notes: tuple[str, ...]
     uses: Mapping[str, str] = field(default_factory=dict)
     unrecorded: str = ""
+    by_scene: tuple[RecordedWrench, ...] | None = None
     rates: TimeSeries | None = None
     specific_force: TimeSeries | None = None
     pointing: TimeSeries | None = None
@@ -200,6 +202,11 @@ class Track:
 
     @property
     def acting(self) -> tuple[RecordedWrench, ...]:
+        """What acts as far as it is known: `by_scene`, else as recorded."""
+        return self.recorded if self.by_scene is None else self.by_scene
+
+    @property
+    def recorded(self) -> tuple[RecordedWrench, ...]:
         """`wrenches`, marked unknown after a missing piece of the recording."""
         missing = self.bag.missing
         return tuple(steps.without(missing) for steps in self.wrenches)

@@ -281,3 +281,75 @@ def test_compare_takes_the_topics_that_are_named(tmp_path: Path) -> None:
     same = command("compare", bag, bag, "--pose-topic", "/other", "--bound", "0")
     assert same.returncode == 0
     assert "expected one of: /vicon/brick" in command("compare", bag, bag, "--pose-topic", "nowhere").stderr
+
+
+FIXED = Rotation.from_euler("xyz", [0.3, -0.2, 2.0])
+PLACE = np.array([0.2, 0.1, -0.3])
+
+
+def seen_at(kind: str) -> list[Any]:
+    """Return what the frame `camera`, which is fixed to the body, shows of the motion."""
+    attitudes = Rotation.from_quat(MOTION.orientation_xyzw)
+    poses = np.hstack([MOTION.position + attitudes.apply(PLACE), (attitudes * FIXED).as_quat()])
+    velocity = attitudes.inv().apply(MOTION.velocity) + np.cross(MOTION.rate, PLACE)
+    twists = np.hstack([FIXED.inv().apply(velocity), FIXED.inv().apply(MOTION.rate)])
+    if kind == "tf":
+        moving = [transforms([transform(t, "world", "camera", row)]) for t, row in zip(TIMES, poses, strict=True)]
+        return rows_of("/tf", TF, moving)
+    if kind == "twist":
+        told = stamped("TwistStamped", twists, twist, "camera")
+        return [*VICON, *rows_of("/twist", "geometry_msgs/msg/TwistStamped", told)]
+    both = zip(TIMES, poses, twists, strict=True)
+    odometry = [
+        of(
+            "nav_msgs/msg/Odometry", header(t, "world"), "camera",
+            of("PoseWithCovariance", pose(place), np.zeros(36)), of("TwistWithCovariance", twist(speed), np.zeros(36)),
+        )
+        for t, place, speed in both
+    ]  # fmt: skip
+    return rows_of("/odom", "nav_msgs/msg/Odometry", odometry)
+
+
+@pytest.mark.parametrize("by", ["scene", "tf_static"])
+@pytest.mark.parametrize("kind", ["odom", "twist", "tf"])
+def test_pose_and_twist_of_a_frame_fixed_to_the_body_are_converted(kind: str, by: str, tmp_path: Path) -> None:
+    scene, rows = tmp_path / "scene.yaml", seen_at(kind)
+    x, y, z, w = FIXED.as_quat().tolist()
+    frame = f"{{position: {PLACE.tolist()}, orientation: {{x: {x!r}, y: {y!r}, z: {z!r}, w: {w!r}}}}}"
+    scene.write_text(SCENE.replace("inertia:", f"frames: {{camera: {frame}}}, inertia:") if by == "scene" else SCENE)
+    if by == "tf_static":
+        rows = [("/tf_static", TF, 0, transforms([transform(0, "base", "camera", [*PLACE, x, y, z, w])])), *rows]
+    track = inspect(write_bag(tmp_path / "bag", rows), scene).track
+
+    assert track.pose is not None
+    np.testing.assert_allclose(track.pose.values[:, :3], MOTION.position, atol=1e-12)
+    apart = Rotation.from_quat(track.pose.values[:, 3:]).inv() * Rotation.from_quat(MOTION.orientation_xyzw)
+    assert apart.magnitude().max() < 1e-7
+    if kind != "tf":
+        assert track.twist is not None
+        np.testing.assert_allclose(track.twist.values, TWISTS, atol=1e-12)
+        assert track.twist.frame == "base"
+    assert any("tells of camera: its " in note for note in track.notes)
+
+
+def test_a_frame_that_nobody_declares_is_the_bodys(tmp_path: Path) -> None:
+    track = inspect(write_bag(tmp_path / "bag", seen_at("odom"))).track
+    assert track.pose is not None
+    assert not any("camera" in note for note in track.notes)
+    assert np.abs(track.pose.values[:, :3] - MOTION.position).max() > 0.1
+
+
+def test_a_frame_that_is_fixed_to_another_than_the_scenes_is_told(tmp_path: Path) -> None:
+    fixed = transforms([transform(0, "hull", "camera", [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])])
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    bag = write_bag(tmp_path / "bag", [("/tf_static", TF, 0, fixed), *seen_at("odom")])
+    notes = inspect(bag, tmp_path / "scene.yaml").track.notes
+    assert any("camera is taken for the frame of the body" in note and "fixed to hull" in note for note in notes)
+
+
+def test_samples_that_are_recorded_twice_are_counted() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        rows = sorted([*seen_at("odom"), *seen_at("odom")], key=lambda row: row[2])
+        checks = inspect(write_bag(Path(folder, "bag"), rows)).summary.checks
+    (whole,) = (check.detail for check in checks if check.name == "/odom is whole")
+    assert f"{2 * COUNT} samples, of which {COUNT} repeat the one before, with its time" in whole

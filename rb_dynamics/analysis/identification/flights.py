@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rb_dynamics.analysis.acting_wrenches import channel_of, timed_out
 from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
@@ -238,7 +239,7 @@ def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:
 def _with_points(channel: WrenchSeries, bag: Bag, scene: Scene) -> WrenchSeries:
     if channel.topic not in bag.topics:
         return channel
-    taken = _channel_of(channel.topic, scene)
+    taken = channel_of(channel.topic, scene) or Channel()
     frames, times, at_point = scene.frames, [-1], [False]
     for log_time, wrench in bag.wrenches(channel.topic):
         try:
@@ -390,23 +391,6 @@ def held_rows(wrench: RecordedWrench) -> Array:
 
 def commanded(topic: str, times: Times, held: Array, scene: Scene) -> WrenchSeries:
     """Return what acts of commands, with the delay and the timeout of the scene's channel of this name."""
-    channel = _channel_of(topic, scene)
-    return WrenchSeries(topic, *_timed_out(times + channel.delay_ns, held, channel.timeout_ns))
-
-
-def _channel_of(topic: str, scene: Scene) -> Channel:
-    """Return the scene's channel of this name; one without timeout or delay where it has none."""
-    name = topic.removeprefix("/")
-    return next((c for c in scene.channels if c.topic.removeprefix("/") == name), Channel(name))
-
-
-def _timed_out(times: Times, held: Array, timeout_ns: int) -> tuple[Times, Array]:
-    """Return commands with rows of nothing where one expires before the next."""
-    if not timeout_ns:
-        return times, held
-    following = np.append(times[1:], np.iinfo(np.int64).max)
-    expires = times[times + timeout_ns < following] + timeout_ns
-    all_times = np.concatenate([times, expires])
-    rows = np.vstack([held, np.zeros((len(expires), held.shape[1]))])
-    order = np.argsort(all_times, kind="stable")
-    return all_times[order], rows[order]
+    channel = channel_of(topic, scene) or Channel()
+    acting, rows = timed_out(times + channel.delay_ns, channel.timeout_ns)
+    return WrenchSeries(topic, acting, np.vstack([held, np.zeros((1, held.shape[1]))])[rows])

@@ -1,0 +1,86 @@
+"""What acts on a body by a scene: recorded commands with delay and timeout, and wrenches of the scene itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.track import RecordedWrench, Times
+from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.scene.model import Scene
+
+
+def channel_of(topic: str, scene: Scene | None) -> Channel | None:
+    """Return the scene's channel of the commands on `topic`; None if it has none."""
+    name, channels = topic.removeprefix("/"), () if scene is None else scene.channels
+    return next((channel for channel in channels if channel.topic.removeprefix("/") == name), None)
+
+
+def timed_out(times: Times, timeout_ns: int) -> tuple[Times, NDArray[np.intp]]:
+    """Return when commands begin to act or expire before the next one, and the row that acts then; -1 for nothing."""
+    rows = np.arange(len(times))
+    if not timeout_ns:
+        return times, rows
+    following = np.append(times[1:], np.iinfo(np.int64).max)
+    expires = times[times + timeout_ns < following] + timeout_ns
+    all_times = np.concatenate([times, expires])
+    order = np.argsort(all_times, kind="stable")
+    return all_times[order], np.concatenate([rows, np.full(len(expires), -1)])[order]
+
+
+def acting_wrenches(
+    wrenches: Sequence[RecordedWrench], scene: Scene, missing: Sequence[tuple[int, int]], zero_ns: int
+) -> tuple[RecordedWrench, ...]:
+    """Return what acts of recorded `wrenches`, and what effects and biases of `scene` hold from `zero_ns` on.
+
+    Commands are unknown after each `missing` piece (first and last ns) of the recording, until the next.
+    """
+    found = []
+    for each in (steps.without(missing) for steps in wrenches):
+        channel = None if each.topic.endswith(APPLIED) else channel_of(each.topic, scene)
+        found.append(each if channel is None else _in_channel(each, channel))
+    recorded = {each.topic.removesuffix(APPLIED) for each in wrenches if each.topic.endswith(APPLIED)}
+    return (
+        *found,
+        *(
+            _scheduled(name, entries, scene, zero_ns)
+            for name, entries in scene.combined_effects.schedules()
+            if not any(f"/{topic}".endswith(f"/{name}") for topic in recorded)
+        ),
+    )
+
+
+def _in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
+    times, rows = timed_out(steps.time_ns + channel.delay_ns, channel.timeout_ns)
+    # What is not known may be a command that came later than the one before: it does not expire.
+    kept = (rows >= 0) | np.append(True, steps.known[rows[:-1]])[: len(rows)]
+    times, rows = times[kept], rows[kept]
+    ends = (rows < 0)[:, None]
+    return replace(
+        steps,
+        time_ns=times,
+        force=np.where(ends, 0.0, steps.force[rows]),
+        torque=np.where(ends, 0.0, steps.torque[rows]),
+        **{name: getattr(steps, name)[rows] for name in ("world", "at_point", "known")},
+    )
+
+
+def _scheduled(name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene, zero_ns: int) -> RecordedWrench:
+    frames = scene.frames
+    held = [frames.hold(wrench) for _, wrench in entries]
+    return RecordedWrench(
+        topic=name,
+        time_ns=np.array([zero_ns + nanoseconds(time) for time, _ in entries], dtype=np.int64),
+        force=np.array([np.add(each.force_body, each.force_world) for each in held], dtype=np.float64),
+        torque=np.array([np.add(each.torque_body, each.torque_world) for each in held], dtype=np.float64),
+        world=np.array([wrench.frame_id == frames.world_frame for _, wrench in entries], dtype=bool),
+        at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in entries], dtype=bool),
+        known=np.ones(len(entries), dtype=bool),
+        frames=tuple(sorted({wrench.frame_id for _, wrench in entries})),
+    )
