@@ -1,0 +1,132 @@
+"""`inspect --scene` judges a bag of another program by what acts as the scene says, and does not accuse the body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_rows import write_rows
+
+from rb_dynamics import Inspection, Setpoint, Wrench, inspect, parse_scene, simulate
+from rb_dynamics.analysis.acting_wrenches import acting_wrenches, timed_out
+from rb_dynamics.analysis.track import RecordedWrench
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+ODOMETRY, STAMPED = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
+SECOND = 10**9
+SCENE = """
+body:
+  mass: 4.0
+  inertia: {{matrix: [[0.30, -0.01, 0.04], [-0.01, 0.22, 0.0], [0.04, 0.0, {zz}]]}}
+  frames: {{jet: {{position: [0, 0.2, 0], orientation: {{x: 0, y: 0, z: 0, w: 1}}}}}}
+initial: {{angular_velocity_body: [0.5, 0.3, -0.4]}}
+duration: 8.0
+output_rate: 100.0
+{rest}
+"""
+TORQUE = (0.05, -0.04, 0.06)
+COMMANDS = [
+    ("wrench", Wrench(torque=TORQUE, stamp_ns=SECOND)),
+    ("wrench", Wrench(torque=(-0.03, 0.05, -0.04), stamp_ns=4 * SECOND)),
+]
+ACTING = {
+    "delay": "wrenches: [{topic: wrench, delay: 0.2}]",
+    "timeout": "wrenches: [{topic: wrench, timeout: 1.5}]",
+    "bias": "wrenches: [{topic: wrench, bias: {torque: [0.02, -0.01, 0.03]}}]",
+    "gravity": "wrenches: [{topic: wrench}]\neffects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]",
+    "schedule": "wrenches: [{topic: wrench}]\neffects: [{type: scheduled_wrench, frame_id: world, schedule: "
+    "[{time: 2.0, torque: [0.02, -0.01, 0.03]}, {time: 5.0}]}]",
+    "force at a point": "wrenches: [{topic: wrench}]\neffects: [{type: scheduled_wrench, frame_id: jet, schedule: "
+    "[{time: 2.0, force: [0.2, 0, 0.1]}, {time: 5.0}]}]",
+}
+
+
+def flown(folder: Path, rest: str, commands: list[tuple[str, Wrench | Setpoint]], later_ns: int = 0) -> Path:
+    """Return the bag that another program records of a flight: the motion, and the wrenches that were commanded."""
+    log = folder / "run.mcap"
+    simulate(parse_scene(SCENE.format(zz=0.38, rest=rest)), commands, [McapSink(log)])
+    rows = []
+    for message in open_source(log).messages():
+        if message.channel.topic == "/odom":
+            values = cdr.decode(ODOMETRY, message.data)
+            stamp = message.log_time + later_ns
+            rows.append(("/odom", ODOMETRY, stamp, cdr.encode(ODOMETRY, stamp, *values[1:])))
+    for topic, sent in commands:
+        if isinstance(sent, Wrench):
+            stamp = sent.stamp_ns + later_ns
+            data = cdr.encode(STAMPED, stamp, "body", (*sent.force, *sent.torque))
+            rows.append((f"/{topic}", STAMPED, stamp, data))
+    return write_rows(folder / "bag.mcap", sorted(rows, key=lambda row: row[2]))
+
+
+def verdict(found: Inspection) -> tuple[bool, bool]:
+    (check,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
+    return check.judged, check.passed
+
+
+@pytest.mark.parametrize("what", ACTING)
+def test_what_the_scene_says_acts_is_no_fault_of_the_body(what: str, tmp_path: Path) -> None:
+    bag = flown(tmp_path, ACTING[what], COMMANDS, 1_700_000_000 * SECOND)
+    true = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING[what])))
+    assert true.passed
+    assert verdict(true) == (True, True)
+    for factor in (1.02, 1.1):
+        wrong = inspect(bag, parse_scene(SCENE.format(zz=0.38 * factor, rest=ACTING[what])))
+        assert verdict(wrong) == (True, False)
+    plain = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench}]")))
+    assert not plain.passed
+    (said,) = (note for note in true.track.notes if "not what acted" in note)
+    assert ("nothing else is assumed to act" in said) == (what in ("delay", "timeout"))
+    told = {"gravity": "uniform_gravity", "bias": "wrench/bias", "delay": "its delay of 0.2", "timeout": "of 1.5 s"}
+    assert told.get(what, "scheduled_wrench") in said
+
+
+def test_a_part_of_a_bag_counts_the_time_of_schedules_from_its_begin(tmp_path: Path) -> None:
+    bag = flown(tmp_path, ACTING["schedule"], COMMANDS)
+    found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING["schedule"])), window_s=(1.5, 7.0))
+    assert verdict(found) == (True, True)
+
+
+def test_what_an_actuator_does_is_not_judged(tmp_path: Path) -> None:
+    rest = "actuators: [{type: thruster, name: jet, frame: jet, force: 0.5, command: on_time}]"
+    bag = flown(tmp_path, rest, [("jet/command", Setpoint(1.0, 2 * SECOND))])
+    found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=rest)))
+    assert verdict(found) == (False, True)
+    assert any("the scene has thruster" in note for note in found.track.notes)
+
+
+def test_a_wrench_topic_beside_drag_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    rest = "wrenches: [{topic: wrench}]\neffects: [{type: linear_drag, translation: 0.1, rotation: 0.01}]"
+    bag = flown(tmp_path, rest, COMMANDS)
+    found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=rest)))
+    assert found.track.uses["/wrench"] == "wrench"
+    assert not any("No wrench topic" in each for each in found.summary.missing)
+    assert verdict(found) == (False, True)
+
+
+def test_a_command_that_comes_in_time_or_may_have_come_does_not_expire() -> None:
+    times, rows = timed_out(np.array([0, 4, 9]), 5)
+    assert (times.tolist(), rows.tolist()) == ([0, 4, 9, 14], [0, 1, 2, -1])
+
+    scene = parse_scene(SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench, timeout: 2.0, delay: 0.5}]"))
+    sent = [time * SECOND for time in (0, 10)]
+    ones, flags = np.ones((2, 3)), np.zeros(2, dtype=bool)
+    wrench = RecordedWrench("/wrench", np.array(sent), ones, ones, flags, flags, ~flags, ("body",))
+    (whole,) = acting_wrenches([wrench], scene, [], 0)
+    assert [t / SECOND for t in whole.time_ns.tolist()] == [0.5, 2.5, 10.5, 12.5]
+    assert whole.force[:, 0].tolist() == [1.0, 0.0, 1.0, 0.0]
+    (holed,) = acting_wrenches([wrench], scene, [(SECOND, 3 * SECOND)], 0)
+    assert [t / SECOND for t in holed.time_ns.tolist()] == [0.5, 1.5, 10.5, 12.5]
+    assert holed.known.tolist() == [True, False, True, True]
+
+
+def test_an_effect_whose_wrench_was_recorded_acts_once() -> None:
+    scene = parse_scene(SCENE.format(zz=0.38, rest=ACTING["gravity"]))
+    empty, flags = np.zeros((1, 3)), np.zeros(1, dtype=bool)
+    topic = "/b/effects/uniform_gravity/applied"
+    wrench = RecordedWrench(topic, np.zeros(1, np.int64), empty, empty, ~flags, flags, ~flags, ("world",))
+    assert acting_wrenches([wrench], scene, [], 0)[1:] == ()
+    assert len(acting_wrenches([], scene, [], 0)) == 1
