@@ -42,7 +42,15 @@ from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.command_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
-from rb_dynamics.logs.messages import APPLIED, COMMAND_DEPTH, acting, decode_wrench, encode_received, encode_setpoint
+from rb_dynamics.logs.messages import (
+    APPLIED,
+    COMMAND_DEPTH,
+    WHEELS,
+    acting,
+    decode_wrench,
+    encode_received,
+    encode_setpoint,
+)
 from rb_dynamics.logs.own_log import (
     SampleRow,
     logged_scene,
@@ -222,13 +230,17 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
 def _name_left_out(found: _Input, topics: Sequence[str]) -> None:
     """Warn of topics with messages, of those wanted, whose quantities are not known."""
     wanted = {name.lstrip("/") for name in topics}
-    left = [
-        f"{topic} ({kind}, {found.counts[topic]} messages)"
-        for topic, kind in sorted(found.kinds.items())
-        if kind not in (*QUANTITIES, TRANSFORMS) and (not wanted or topic.lstrip("/") in wanted)
+    unknown = {topic for topic, kind in found.kinds.items() if kind not in (*QUANTITIES, TRANSFORMS)}
+    left = {topic for topic in unknown if not wanted or topic.lstrip("/") in wanted}
+    _warn_of(found, left, "left out, as types without known quantities")
+
+
+def _warn_of(found: _Input, left: set[str], why: str) -> None:
+    named = [
+        f"{topic} ({found.kinds[topic]}, {found.counts[topic]} messages)" for topic in sorted(left & {*found.kinds})
     ]
-    if left:
-        _logger.warning("%s: left out, as types without known quantities: %s", found.path, ", ".join(left))
+    if named:
+        _logger.warning("%s: %s: %s", found.path, why, ", ".join(named))
 
 
 def _samples_to_table(
@@ -245,6 +257,8 @@ def _samples_to_table(
             skip(each.path, error)
             continue
         parts.append((each.path, scene, names))
+        devices = {names[sensor.name] for sensor in scene.sensors} | ({names[WHEELS[0]]} if scene.wheels else set())
+        _warn_of(each, devices, "not in the samples, a table of messages has those that --pose-topic names")
     wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
     run = [Column("run", "text")] if len(logs) > 1 else []
     columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=unit_of(name)) for name in wide)]

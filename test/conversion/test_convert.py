@@ -13,6 +13,7 @@ from rb_dynamics.conversion.convert import log_to_rerun, log_to_scene, table_to_
 from rb_dynamics.errors import LogError
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
+from rb_dynamics.scene.read import read_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.sinks.state_hash import HashSink
@@ -66,6 +67,19 @@ def test_parquet_has_the_same_numbers(tmp_path: Path, log: Path) -> None:
     commands = parquet.read_table(tmp_path / "run.wrenches.parquet").to_pydict()
     assert commands["topic"] == ["push", "a/turn", "push"]
     assert commands["force_z"] == [1 / 3, 1e-300, 0.0]
+
+
+def test_sensors_and_wheels_that_samples_leave_out_are_named(
+    tmp_path: Path, example_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    log, table = tmp_path / "run.mcap", tmp_path / "run.csv"
+    scene = read_scene(example_dir.parent / "config" / "wheels.yaml", {"duration": 1.0})
+    simulate(scene, [], [McapSink(log)])
+    to_table([log], table)
+    assert "/tracker (geometry_msgs/msg/QuaternionStamped, 5 messages)" in caplog.text
+    assert "/wheels (sensor_msgs/msg/JointState, 11 messages)" in caplog.text
+    (written,) = to_table([log], table, ["/tracker"])
+    assert written.rows == 5
 
 
 def test_the_acceleration_is_converted_too(tmp_path: Path) -> None:
