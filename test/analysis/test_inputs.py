@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tumbling import spin
 
-from rb_dynamics import LogError, TopicChoice, inspect
+from rb_dynamics import LogError, TopicChoice, compare, inspect
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats import cdr
 
@@ -353,3 +353,23 @@ def test_samples_that_are_recorded_twice_are_counted() -> None:
         checks = inspect(write_bag(Path(folder, "bag"), rows)).summary.checks
     (whole,) = (check.detail for check in checks if check.name == "/odom is whole")
     assert f"{2 * COUNT} samples, of which {COUNT} repeat the one before, with its time" in whole
+
+
+def test_compare_says_where_a_bag_says_how_its_frame_is_fixed_to_the_other(tmp_path: Path) -> None:
+    plain = [
+        *VICON,
+        *rows_of("/twist", "geometry_msgs/msg/TwistStamped", stamped("TwistStamped", TWISTS, twist, "base")),
+    ]
+    mounted = transforms([transform(0, "base", "camera", [*PLACE, *FIXED.as_quat()])])
+    one = write_bag(tmp_path / "one", plain)
+    for name, rows, said in (
+        ("two", seen_at("odom"), "which nothing in the recordings says"),
+        ("three", [("/tf_static", TF, 0, mounted), *seen_at("odom")], "says how they are fixed to each other"),
+    ):
+        notes = compare(one, write_bag(tmp_path / name, rows)).notes
+        (note,) = (each for each in notes if "they are taken as one body frame" in each)
+        assert said in note
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    found = compare(one, tmp_path / "three", scene=tmp_path / "scene.yaml")
+    assert not any("one body frame" in each for each in found.notes)
+    assert found.differences["linear_velocity"].max < 1e-9
