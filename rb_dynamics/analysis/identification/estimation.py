@@ -1,7 +1,8 @@
 """Fit the parameters of a `Model`: least squares from several starts over a growing horizon, and what they determine.
 
 A flight over many turns has many minima. Over its first turn it has few: each start is fitted there first, then over
-longer and longer pieces. Each sensor is weighted by its own noise, which the fit estimates along the way.
+longer and longer pieces. Where a longer piece loses the motion, as near a middle axis, a piece goes only as far as the
+fit to the one before foresees it. Each sensor is weighted by its own noise, which the fit estimates along the way.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ _FAR = 30.0
 # rad turned in the first piece of a flight, and how much longer each piece is than the one before.
 _FIRST_PIECE = 3.0
 _LONGER = 3.0
+# Of the motion, or times the noise, what a prediction may be off: a fit from one that is off by more may go astray.
+_ASTRAY, _ASTRAY_IN_NOISE = 0.2, 10.0
+# rad by which a piece grows at least where it must be short, and how many flights all such pieces may add up to.
+_SHORTEST, _PATIENCE = 0.5, 10.0
 # Two fits are the same minimum if their costs differ by this fraction.
 _SAME = 1e-3
 _COARSE = 1e-3
@@ -101,21 +106,21 @@ def fitted(model: Model, starts: int, loss: str, seed: int, progress: Callable[[
 def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[float], None] | None) -> Fit:
     noise = noise_shown(model)
     pieces = _pieces(model)
-    tries = _starts(model, starts, noise, pieces[0] if pieces else None, seed)
-    bar = _Progress(progress, len(tries) * (len(pieces) + 1) + 2)
+    tries = _starts(model, starts, noise, _ends(model, pieces[0]), seed)
+    bar = _Progress(progress, len(tries) * len(pieces) + 2)
     # A search need not be more exact than that, and a recording without noise would keep it long.
     coarse = {key: max(level, _COARSE * _largest(model, key)) for key, level in noise.items()}
     found: list[tuple[Any, Any]] = []
     for start in tries:
-        at, longest = start, None
-        for piece in pieces:
-            longest = _least_squares(model, at, coarse, loss, piece)
+        at, longest, reached = start, None, 0.0
+        for piece in pieces[:-1]:
+            longest, reached = _longer(model, at, coarse, loss, reached, piece)
             at = longest.x
             bar.step()
         # A start that comes to the minimum of another in the longest piece would go on like that.
         whole = next((each for other, each in found if _same_minimum(other, longest)), None)
         if whole is None:
-            whole = _least_squares(model, at, coarse, loss, None)
+            whole, _ = _longer(model, at, coarse, loss, reached, np.inf)
             if coarse != noise:
                 whole = _least_squares(model, whole.x, noise, loss, None)
         bar.step()
@@ -134,14 +139,74 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
 def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:
     """Return the parameters of the scene and those of `first_guess`; what is nearer to the motion comes first."""
     pieces = _pieces(model)
-    return _starts(model, 1 + ("shape" in model.layout), noise, pieces[0] if pieces else None, 0)
+    return _starts(model, 1 + ("shape" in model.layout), noise, _ends(model, pieces[0]), 0)
 
 
 def followed(model: Model, z: Array, noise: dict[Key, float]) -> Array:
     """Return the parameters of the fit from one start, with this noise."""
-    for until in (*_pieces(model), None):
-        z = _least_squares(model, z, noise, "linear", until).x
+    reached = 0.0
+    for piece in _pieces(model):
+        found, reached = _longer(model, z, noise, "linear", reached, piece)
+        z = found.x
     return z
+
+
+def _longer(
+    model: Model, z: Array, noise: dict[Key, float], loss: str, reached: float, piece: float
+) -> tuple[Any, float]:
+    """Return the fit to a piece and, if that leaves only noise, its length; else 0.
+
+    `reached` is that of the fit `z`. If from there the motion is lost, the piece grows in steps that are foreseen.
+    """
+    found = _least_squares(model, z, noise, loss, _ends(model, piece))
+    if _leaves_noise(model, found, piece):
+        return found, piece
+    whole = max(_angles(model))
+    last = min(piece, whole)
+    patience = _PATIENCE * whole
+    end = _foreseen(model, z, noise, reached, piece) if reached else last
+    # What is foreseen is not lost: the model does not explain it.
+    while end < last and patience > 0.0:
+        nearer = _least_squares(model, z, noise, loss, _ends(model, end))
+        patience -= end
+        if _leaves_noise(model, nearer, end):
+            z, reached = nearer.x, end
+            end = min(_foreseen(model, z, noise, reached, piece), _LONGER * reached)
+            if end >= last:
+                again = _least_squares(model, z, noise, loss, _ends(model, piece))
+                if _leaves_noise(model, again, piece):
+                    return again, piece
+                found = min(found, again, key=lambda each: float(each.cost))
+                break
+        else:
+            end = 0.5 * (reached + end)
+            if end - reached < _SHORTEST:
+                break
+    return found, 0.0
+
+
+def _leaves_noise(model: Model, fit: Any, piece: float) -> bool:
+    """Return whether the cost of a search of a piece is about that of noise; see `_against_plausible`."""
+    ends = _ends(model, piece)
+    flights = model.flights if ends is None else [f.until(end) for f, end in zip(model.flights, ends, strict=True)]
+    count = 3 * sum(len(stream.time_ns) for flight in flights for stream in flight.streams)
+    return bool(2.0 * fit.cost <= (1.0 + _ENOUGH**2) * count + len(fit.x))
+
+
+def _foreseen(model: Model, z: Array, noise: dict[Key, float], reached: float, piece: float) -> float:
+    """Return how far (rad turned) parameters predict the motion from `reached` on: so far at least, `piece` at most."""
+    least = reached + 2.0 * _SHORTEST
+    found = piece
+    for each in model.predict(z, _ends(model, piece), derivatives=False):
+        start, first = model.starts[each.flight], model.flights[each.flight].span_ns[0]
+        angles = start.fastest * 1e-9 * (each.time_ns - first)
+        new = angles > reached
+        squares = np.cumsum(np.nan_to_num(np.mean(each.left[new] ** 2, axis=1), nan=np.inf))
+        most = min(_ASTRAY * _largest(model, each.key), _ASTRAY_IN_NOISE * noise[each.key])
+        off = squares > most**2 * np.arange(1, len(squares) + 1)
+        if off.any():
+            found = min(found, float(angles[new][int(off.argmax())]))
+    return max(found, least)
 
 
 def _same_minimum(one: Any, other: Any) -> bool:
@@ -210,19 +275,29 @@ def _third_differences(stream: Stream) -> Array:
     return np.diff(values, n=3, axis=0)
 
 
-def _pieces(model: Model) -> list[list[int]]:
-    """Return the ends (ns) of ever longer pieces of the flights, without the whole."""
+def _angles(model: Model) -> list[float]:
+    """Return by how much (rad) the body turns in each flight, about."""
     spans = [flight.span_ns for flight in model.flights]
-    angles = [start.fastest * (last - first) * 1e-9 for start, (first, last) in zip(model.starts, spans, strict=True)]
+    return [start.fastest * (last - first) * 1e-9 for start, (first, last) in zip(model.starts, spans, strict=True)]
+
+
+def _pieces(model: Model) -> list[float]:
+    """Return the lengths (rad turned) of ever longer pieces of the flights; the last one is infinite, the whole."""
     found, angle = [], _FIRST_PIECE
-    while angle < 0.7 * max(angles):
-        ends = [
-            min(last, max(_twelfth(flight, 12), first + round(1e9 * angle / start.fastest)))
-            for flight, start, (first, last) in zip(model.flights, model.starts, spans, strict=True)
-        ]
-        found.append(ends)
+    while angle < 0.7 * max(_angles(model)):
+        found.append(angle)
         angle *= _LONGER
-    return found
+    return [*found, np.inf]
+
+
+def _ends(model: Model, piece: float) -> list[int] | None:
+    """Return the ends (ns) of a piece of each flight; None of the whole."""
+    if np.isinf(piece):
+        return None
+    return [
+        min(flight.span_ns[1], max(_twelfth(flight, 12), flight.span_ns[0] + round(1e9 * piece / start.fastest)))
+        for flight, start in zip(model.flights, model.starts, strict=True)
+    ]
 
 
 def _twelfth(flight: Flight, count: int) -> int:

@@ -24,6 +24,7 @@ from rb_dynamics.analysis.identification.one_body import Estimate, chance_of_one
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of
+from rb_dynamics.analysis.identification.segments import in_segments
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
@@ -53,6 +54,8 @@ _HIDDEN = 0.05
 _OPEN = 30.0
 # Fits of one body differ by chance as much as that in one of ten thousand recordings only.
 _CHANCE_OF_ONE_BODY = 1e-4
+# Times the noise that the quickest changes show, what noise alone leaves at most.
+_ONLY_NOISE = 1.3
 # More of them explain anything.
 _MOST_OMISSIONS = 2
 # Against the direction in which the inertia changes most: less is rounding.
@@ -310,6 +313,8 @@ def identify(
     # A fit waits for its kernel: without it each flight takes a hundred times as long.
     with counted_by(Tally()):
         result, report = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
+        if not result.converged or not all(each.white and each.explained for each in result.residuals):
+            result, report = _of_segments(model, names, loss, starts, seed, result, report)
     if held_out:
         rest = predicting(report.model, report.z, result.scene, held_out)
         alone = fitted(rest, 1, loss, seed)
@@ -317,6 +322,35 @@ def identify(
         if result.validated is False:
             result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
     return result
+
+
+def _of_segments(
+    model: Model, names: Sequence[str], loss: str, starts: int, seed: int, result: Identification, report: _Report
+) -> tuple[Identification, _Report]:
+    """Return what segments of the flights say if they leave only noise; `result` and `report`, of the whole, otherwise.
+
+    That is kept also if it explains the recordings and agrees with the segments: it may be more exact.
+    """
+    segments = in_segments(model)
+    if not segments:
+        return result, report
+    other = model_of_others(model, np.zeros(model.layout.count), segments)
+    try:
+        found, of_segments = _completed(other, fitted(other, starts, loss, seed), names, loss, doubtful=True)
+    except LogError:
+        return result, report
+    if not found.converged or any(each.times_noise > _ONLY_NOISE for each in found.residuals):
+        return result, report
+    whole = result.converged and result.explained
+    if whole and chance_of_one_body(report.estimate, of_segments.estimate) > _CHANCE_OF_ONE_BODY:
+        return result, report
+    why = (
+        f"no motion from one start was found that follows {', '.join(flight.name for flight in model.flights)} to the "
+        f"end: a small disturbance acted, or errors grow too fast. {len(segments)} segments are fitted instead, each "
+        "from a start of its own, and all intervals are doubled"
+    )
+    read = [f"{flight.name}: {note}" for flight in model.flights for note in flight.notes]
+    return replace(found, notes=(why, *read, *found.notes)), of_segments
 
 
 def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int, loss: str, seed: int) -> float:
@@ -342,13 +376,15 @@ def _missed(held_out: Sequence[Residuals], fitted: Sequence[Residuals]) -> list[
     return [each for each in held_out if not each.explained and each.times_noise > _AS_WELL * least.get(each.kind, 0.0)]
 
 
-def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple[Identification, _Report]:
+def _completed(
+    model: Model, fit: Fit, names: Sequence[str], loss: str, doubtful: bool = False
+) -> tuple[Identification, _Report]:
     """Return the result of a fit, with the missing load if that explains all of the residuals, and what it is from.
 
     A load that is certain but explains only a part is not the truth either: the fit stays, and its errors are widened
     by as much as that load would move the numbers.
     """
-    bare = _Report(model, fit, names)
+    bare = _Report(model, fit, names, doubtful)
     result = bare.identification()
     tried = first_tried = trials(model, fit)
     wide, found = bare, list[tuple[Trial, float]]()
@@ -365,7 +401,7 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple
     part = [each for each in others if each.chance <= CHANCE]
     if part:
         steps = [trial.step for trial in first_tried if trial.chance <= CHANCE]
-        bare = _Report(model, fit, names, moved=steps)
+        bare = _Report(model, fit, names, doubtful, steps)
         result = bare.identification()
     return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes)), bare
 

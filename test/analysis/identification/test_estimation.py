@@ -96,3 +96,14 @@ def test_starts_that_meet_are_followed_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert fit.starts == fit.agreeing == 4
     # Two of them, for either noise, and from the best with the noise that is found; nine if all are.
     assert len(whole) <= 5
+
+
+def test_a_piece_in_which_the_motion_is_lost_grows_in_steps() -> None:
+    """Near the middle axis the three times longer piece was beyond what the one before foresaw."""
+    random = np.random.default_rng(4)
+    body = random_body(random)
+    _, axes = np.linalg.eigh(np.array(body.inertia))
+    spin = 2.0 * (axes[:, 1] + 1e-2 * axes[:, 0] + 1e-2 * axes[:, 2])
+    made = flown(body, random, seconds=100.0, rate=20.0, spin=spin, gyro=2e-2)
+    fit = fitted(Model(guess(body), [made], ("inertia_ratios",)), 1, "linear", 0)
+    assert fit.noise["imu", "rates"] == pytest.approx(2e-2, rel=0.1)

@@ -348,3 +348,20 @@ def test_a_scene_of_python_keeps_its_effects() -> None:
     assert turning == replace(rotor, spin_rate=((0.0, values["effects[1].spin_rate"]),))
     assert found.scene.body == found.body
     assert "no text says" in found.scene.text
+
+
+def test_a_flight_that_no_motion_follows_is_fitted_in_segments() -> None:
+    """A small disturbance decides when a spin about the middle axis flips: the fit to the whole determined nothing."""
+    random = np.random.default_rng(5)
+    body = RigidBody.from_matrix(2.0, np.diag([1.0, 1.6, 2.1]).tolist())
+    gusts = 0.01 * random.standard_normal((1200, 3))
+    made = flown(body, random, seconds=60.0, rate=20.0, spin=(1e-3, 3.0, 2e-3), unrecorded=gusts)
+    found = identify(guess(body), [made], ["inertia_ratios"])
+    assert found.passed
+    assert found.explained
+    assert len(found.recordings) > 1
+    assert any("segments are fitted instead" in note for note in found.notes)
+    assert known(found, "inertia_ratios") == [True] * 6
+    within(found, "inertia_ratios", np.diag([1.0, 1.6, 2.1]) / 4.7, 2.0)
+    short = replace(made, streams=tuple(made.until(round(5e9)).streams))
+    assert identify(guess(body), [short], ["inertia_ratios"]).recordings == ("flight",)
