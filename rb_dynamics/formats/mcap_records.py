@@ -654,7 +654,7 @@ class McapFile:
 
     def _hold_data_checksum(self, content: bytes) -> None:
         """Note as damage what no chunk's checksum covers: the data section has one, too; 0 means that it has none."""
-        (said,) = _Fields(content, self._damage).take("I")
+        said = int.from_bytes(content[:4], "little")
         if said:
             with self.path.open("rb") as file:
                 # Most writers include the magic bytes at the start of the file, some do not.

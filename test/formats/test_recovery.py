@@ -169,6 +169,16 @@ def test_a_flip_that_only_the_checksum_of_the_data_covers_is_named(tmp_path: Pat
     assert "data section whose checksum does not fit" in found.damage[0]
 
 
+def test_an_end_of_the_data_of_another_length_costs_no_message(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
+    log = write_rows(tmp_path / "a.mcap", rows)
+    data = bytearray(log.read_bytes())
+    data[data.rindex(struct.pack("<BQ", Opcode.DATA_END, 4)) + 1] = 0
+    log.write_bytes(data)
+    (found,) = recover(log, tmp_path / "saved.mcap")
+    assert found.file.counts["/w"] == 100
+
+
 @pytest.mark.parametrize("name", ["bag.mcap", "bag.db3"])
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
