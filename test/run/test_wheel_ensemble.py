@@ -162,6 +162,20 @@ def test_under_regular_commands_a_period_takes_one_step(monkeypatch: pytest.Monk
     assert taken == [0.25] * 11
 
 
+def test_bodies_that_are_at_a_time_do_not_go_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each would choose a stride, which the command that then comes makes useless: it cost half of a campaign."""
+    import numpy as np
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    bodies, gone = WheelEnsemble([satellite(number, SOLVERS["auto"], "torque") for number in range(2)]), list[object]()
+    bodies.advance_to(NANOSECONDS)
+    monkeypatch.setattr(bodies, "_go_to", gone.append)
+    bodies.advance_some(np.full(2, NANOSECONDS), np.array([True, False]))
+    assert not gone
+    bodies.advance_some(np.full(2, 2 * NANOSECONDS), np.array([True, False]))
+    assert len(gone) == 1
+
+
 def test_the_books_are_those_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = [satellite(number, SOLVERS["auto"], "torque") for number in range(3)]
