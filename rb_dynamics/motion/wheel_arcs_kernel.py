@@ -55,11 +55,12 @@ if TYPE_CHECKING:
     # Room, see `_alone`, and the kernels of a step and of an embedded pair.
     _Trials = tuple[Numbers, Take, Take]
 
-# Numbers of the arc of a body: goal, what is learnt and what will be after the next stride; length (s) of a stride from
-# the grid point whose results are there already, as after the next stride (0 for none); then three phases with
-# their states: at the grid point, after the next stride, and at the last time.
+# Numbers of the arc of a body: goal, what the next arc will know, what is learnt, and what will be after the next
+# stride; length (s) of a stride from the grid point whose results are there already, as after the next stride (0 for
+# none); then three phases with their states: at the grid point, after the next stride, and at the last time.
 GOAL = 0
-LEARNT = GOAL + len(Goal._fields)
+CHOSEN = GOAL + len(Goal._fields)
+LEARNT = CHOSEN + len(Learnt._fields)
 FOLLOWING = LEARNT + len(Learnt._fields)
 TRIED = FOLLOWING + len(Learnt._fields)
 GRID_POINT = TRIED + 1
@@ -70,9 +71,11 @@ GRID_POINT = TRIED + 1
 # end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times between which
 # it is, as far as it has been looked for (-1 for none), and whether a wheel may switch in it at all; the last time;
 # whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and of the next one if
-# the last two were equally long (0 if not); and whether its present step is taken side by side.
+# the last two were equally long (0 if not); whether its present step is taken side by side; and whether strides were
+# chosen anew within the arc.
 START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH, CHOOSE_AFTER, ARCS, COUNTED = range(9)
-SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, BESIDE, WHOLE = range(9, 21)
+SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, BESIDE = range(9, 20)
+CHOSE_ANEW, WHOLE = 20, 21
 
 # Bodies for which going side by side pays.
 _FEWEST = 2
@@ -248,6 +251,10 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
         length = w[TIME] - w[START]
         w[EXPECTED] = length if length == w[LAST] else 0
         w[LAST] = length
+    if w[CHOSE_ANEW] != 0:
+        # What was learnt anew within an arc is for that arc alone, see `Plan`.
+        _copy(f, CHOSEN, LEARNT, 5)
+        w[CHOSE_ANEW] = 0
     w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
     w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
     phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
@@ -385,6 +392,9 @@ def _take(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     w[STRIDE] = w[KNOWN] = 0
     strides = w[STRIDES]
     if w[CHOOSE_AFTER] > 0 and strides >= w[CHOOSE_AFTER] and strides & (strides - 1) == 0:
+        if w[CHOSE_ANEW] == 0:
+            _copy(f, LEARNT, CHOSEN, 5)
+            w[CHOSE_ANEW] = 1
         return _learn(c, f, w, trials)
     return True
 

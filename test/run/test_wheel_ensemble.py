@@ -176,6 +176,18 @@ def test_bodies_that_are_at_a_time_do_not_go_there(monkeypatch: pytest.MonkeyPat
     assert len(gone) == 1
 
 
+def test_arcs_in_which_strides_are_chosen_anew_have_the_bits_of_themselves_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is learnt within an arc is not known to the next one: only every 2^n-th of them chooses anew."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    scenes = [replace(satellite(number, SOLVERS["auto"], "torque"), effects=(), duration=40.0) for number in range(3)]
+    fast = [replace(scene.initial, angular_velocity_body=(15.0, -10.0, 5.0 + i)) for i, scene in enumerate(scenes)]
+    scenes = [replace(scene, initial=initial) for scene, initial in zip(scenes, fast, strict=True)]
+    times = [4 * NANOSECONDS * k for k in range(11)]
+    together_as_alone(scenes, times, [[[1e-4 * (i + k)] * 3 for i in range(3)] for k in range(11)])
+
+
 def test_the_books_are_those_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = [satellite(number, SOLVERS["auto"], "torque") for number in range(3)]

@@ -89,7 +89,8 @@ def _plain(scene: Scene) -> bool:
 
 def step_ns(scene: Scene) -> int | None:
     """Return the step of `scene` in nanoseconds; None if it has none, or it is not a whole number of them."""
-    if scene.solver.step is None or METHODS.get(scene.solver.method, EXACT).order is None:
+    method = scene.solver.method
+    if scene.solver.step is None or (method != "auto" and METHODS.get(method, EXACT).order is None):
         return None
     length = Fraction(repr(scene.solver.step)) * NANOSECONDS
     return int(length) if length.denominator == 1 else None

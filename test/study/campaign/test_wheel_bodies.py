@@ -113,7 +113,7 @@ def alone_in(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("solver", ["accuracy: 1.0e-7", "method: dop853, step: 0.05"])
+@pytest.mark.parametrize("solver", ["accuracy: 1.0e-7", "method: dop853, step: 0.05", "step: 0.05"])
 def test_runs_side_by_side_are_runs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
     """With delays, lost samples, wandering biases, wheels at rest and at their limits; some begin too late."""
     apart = alone_in(monkeypatch)
