@@ -1,11 +1,11 @@
 """The public names of rb_dynamics and where each is defined; type checkers and `__init__.py` read them here."""
 
-from rb_dynamics.analysis.comparison import Comparison as Comparison
 from rb_dynamics.analysis.identification.identify import Identification as Identification
 from rb_dynamics.analysis.identification.identify import identify as identify
 from rb_dynamics.analysis.inspection import Inspection as Inspection
 from rb_dynamics.analysis.inspection import inspect as inspect
 from rb_dynamics.analysis.read_track import TopicChoice as TopicChoice
+from rb_dynamics.analysis.recording_differences import Comparison as Comparison
 from rb_dynamics.body.inertia_quantities import inertia_ellipsoid as inertia_ellipsoid
 from rb_dynamics.body.inertia_quantities import radius_of_gyration as radius_of_gyration
 from rb_dynamics.body.inertia_quantities import scalar_inertia as scalar_inertia

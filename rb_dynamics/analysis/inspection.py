@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from rb_dynamics.analysis.bag_selection import Window, part_of
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.onboard_devices import SensorErrors, WheelSpeeds, pointing_error
-from rb_dynamics.analysis.part_of_bag import Window, part_of
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.one_ahead import one_ahead
+from rb_dynamics.formats.read_ahead import one_ahead
 
 # One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
 MAX_RECORD_BYTES = 256 * 2**20

@@ -6,8 +6,8 @@ import os
 
 import numpy as np
 
-from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference
 from rb_dynamics.analysis.interpolated_signal import Signal
+from rb_dynamics.analysis.recording_differences import MOTION, UNITS, Comparison, Difference
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rb_dynamics.analysis.comparison import MOTION, UNITS, Comparison, Difference, Side
+from rb_dynamics.analysis.recording_differences import MOTION, UNITS, Comparison, Difference, Side
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.output_file import make_folder

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rb_dynamics.analysis.comparison import MOTION, PARTS, UNITS, Comparison, Difference, Side
+from rb_dynamics.analysis.recording_differences import MOTION, PARTS, UNITS, Comparison, Difference, Side
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.report.html import printable
 

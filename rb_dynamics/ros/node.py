@@ -52,7 +52,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.command_statistics import Losses
 from rb_dynamics.ros.health import ERROR, OK, Health, Throttle
-from rb_dynamics.ros.neighbours import Neighbours
+from rb_dynamics.ros.other_nodes import Neighbours
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.runner import Runner

@@ -13,9 +13,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rb_dynamics.analysis.comparison import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.interpolated_signal import MotionSignals
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
+from rb_dynamics.analysis.recording_differences import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.time_alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError

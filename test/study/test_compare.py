@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
-from rb_dynamics.analysis.comparison import MOTION, Given, compare_tracks, difference
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.recording_differences import MOTION, Given, compare_tracks, difference
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr

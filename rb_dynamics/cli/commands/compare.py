@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _bound(text: str) -> float | dict[str, float]:
-    from rb_dynamics.analysis.comparison import MOTION
+    from rb_dynamics.analysis.recording_differences import MOTION
 
     if "=" not in text:
         return real("a number, 0 or more, or names and numbers such as attitude=0.01,position=0.05", _accepts)(text)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from rb_dynamics.analysis.comparison import Difference
+    from rb_dynamics.analysis.recording_differences import Difference
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.report.html import Section
     from rb_dynamics.ros.command_player import WrenchPlayer
@@ -129,9 +129,9 @@ def _differences(bag_file: Path, player: WrenchPlayer) -> dict[str, Difference]:
     """
     import numpy as np
 
-    from rb_dynamics.analysis.comparison import differences_of_motion
     from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal
     from rb_dynamics.analysis.read_track import read_track
+    from rb_dynamics.analysis.recording_differences import differences_of_motion
     from rb_dynamics.errors import LogError
     from rb_dynamics.logs.bag_reader import read_bag
 
@@ -167,7 +167,7 @@ def _table(found: dict[str, Difference]) -> list[str]:
 
 def _section(found: dict[str, Difference]) -> Section:
     """Return the comparison as a section of the report."""
-    from rb_dynamics.analysis.comparison import UNITS
+    from rb_dynamics.analysis.recording_differences import UNITS
     from rb_dynamics.report.run_page import comparison_section
 
     times = found["attitude"].time_ns

@@ -22,7 +22,7 @@ from rb_dynamics.numerics.argparse_types import real
 from rb_dynamics.numerics.number_parsing import real_number
 
 if TYPE_CHECKING:
-    from rb_dynamics.analysis.part_of_bag import Window
+    from rb_dynamics.analysis.bag_selection import Window
     from rb_dynamics.analysis.read_track import TopicChoice
     from rb_dynamics.cli.many_logs import Row
     from rb_dynamics.numerics.rotation import Quaternion

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from noisy_recordings import Recording, recording, spun_up
 
+from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification import explanation
-from rb_dynamics.analysis.part_of_bag import part_of
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from rb_dynamics.ros.health import Health
-from rb_dynamics.ros.neighbours import Neighbours
+from rb_dynamics.ros.other_nodes import Neighbours
 
 pytestmark = pytest.mark.ros
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from rb_dynamics.formats.one_ahead import one_ahead
+from rb_dynamics.formats.read_ahead import one_ahead
 
 
 def test_items_come_in_order_from_another_thread() -> None:
