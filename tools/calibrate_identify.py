@@ -140,7 +140,7 @@ def print_flips(count: int, first: int) -> None:
     done = {seed: flips(seed) for seed in range(first, first + count)}
     for kind, acts in (("nothing", 0), ("gusts", 1)):
         some = [each for seed, each in done.items() if seed % 2 == acts]
-        off = np.concatenate([each for _, each in some])
+        off = np.concatenate([np.zeros(0), *(each for _, each in some)])
         parts, unknown = sum(len(found.recordings) > 1 for found, _ in some), sum(not each for _, each in some)
         told = sum(not found.explained for found, _ in some)
         shown = f"{100 * np.mean(off < 1.96):.1f} % | {off.max(initial=0.0):.1f} standard errors off"

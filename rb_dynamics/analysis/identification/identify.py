@@ -336,7 +336,7 @@ def _of_segments(
         return result, report
     other = model_of_others(model, np.zeros(model.layout.count), segments)
     try:
-        found, of_segments = _completed(other, fitted(other, starts, loss, seed), names, loss, doubtful=True)
+        found, of_segments = _completed(other, fitted(other, min(starts, 2), loss, seed), names, loss, doubtful=True)
     except LogError:
         return result, report
     if not found.converged or any(each.times_noise > _ONLY_NOISE for each in found.residuals):

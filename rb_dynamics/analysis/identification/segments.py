@@ -16,7 +16,7 @@ from rb_dynamics.analysis.identification.prediction import Model
 # rad that the body turns in a segment, about, and samples in it at least.
 _TURN, _SAMPLES = 15.0, 40
 # Of all flights together: they tell enough, and each adds a start to be fitted.
-_MOST = 12
+_MOST = 8
 
 
 def in_segments(model: Model) -> list[Flight]:
