@@ -126,8 +126,8 @@ def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
 def test_of_commands_that_are_late_nothing_is_said() -> None:
     """A torque was said to have acted that nobody commanded."""
     track = track_of(recording(3))
-    late = tuple(replace(each, time_ns=each.time_ns + 10_000_000) for each in track.wrenches)
-    left = judged(replace(track, wrenches=late))
+    late = tuple(replace(each, time_ns=each.time_ns + 10_000_000) for each in track.acting)
+    left = judged(replace(track, by_scene=late))
     assert not left.told
     assert "a delay of a sensor or of the commands" in residual_sentence(left, 0)
 
