@@ -172,8 +172,9 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         covariance: Array = np.asarray(np.linalg.inv(part.T @ part + np.eye(len(columns))), dtype=np.float64)
         step = -covariance @ (part.T @ root[:, -1])
         of_load = covariance[len(old) :, len(old) :]
-        if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
-            # What the fit already has under another name is left out.
+        smallest, largest = np.linalg.eigvalsh(of_load)[[0, -1]].tolist()
+        if not 0.0 < smallest <= largest <= TOLD**2:
+            # What the fit already has under another name, to rounding or nearly, is left out.
             continue
         freedom = max(1.0, count - len(columns))
         level = max(1.0, float(np.sum((root[:, -1] + part @ step) ** 2)) / freedom)
