@@ -99,8 +99,12 @@ def _identity(function: FunctionType, name: str, value: object) -> str:
     Raises:
         NotAdmittedError: it is not admitted.
     """
-    if isinstance(value, FunctionType) or any(value is each for each in _BUILTINS):
-        return ""
+    if isinstance(value, FunctionType):
+        # Another name may be given to one of the same functions.
+        code = value.__code__
+        return repr((value.__module__, value.__qualname__, code.co_code, code.co_consts, code.co_names))
+    if any(value is each for each in _BUILTINS):
+        return _name(value)
     if _is_constant(value):
         return repr(value)
     if _is_named_tuple(value):

@@ -154,6 +154,22 @@ def test_every_edit_of_what_it_depends_on_changes_the_identity(old: str, new: st
     assert identity(defined(SOURCE.replace(old, new)), ()) != identity(defined(SOURCE), ())
 
 
+@pytest.mark.parametrize("ends", [("middle = h", "middle = g"), ("middle = min", "middle = max")])
+def test_a_name_given_to_another_of_the_same_functions_changes_the_identity(ends: tuple[str, str]) -> None:
+    """Machine code from before such an edit was run."""
+    source = """
+def h(x):
+    return x
+def g(x):
+    return 2.0 * x
+first, {}, last = h, {}, g
+def f(x):
+    return first(x) + middle(x, x) + last(x) + min(x, 1.0) + max(x, 1.0)
+"""
+    one, other = (identity(defined(source.format(*end.split(" = "))), ()) for end in ends)
+    assert one != other
+
+
 def test_the_identity_is_that_of_the_contents() -> None:
     one, other = defined(SOURCE), defined(SOURCE)
     assert isinstance(one, FunctionType)
