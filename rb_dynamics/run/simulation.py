@@ -514,6 +514,7 @@ class Simulation:
         times_ns = [wrench.stamp_ns for _, wrench in commands]
         end_ns = math.inf if self.end_ns is None else self.end_ns
         first, last = bisect_right(times_ns, self._computed_ns), bisect_right(times_ns, end_ns)
+        # For a few, arrays do not pay.
         if len(commands) < FEWEST:
             first = last = len(commands)
         known = [(numbers[topic], wrench) for topic, wrench in commands[first:last] if numbers[topic] is not None]
