@@ -2,7 +2,7 @@
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, over any time, and nothing is differentiated. What changes by more than its own noise
-(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/explanation.py`):
+(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/score_tests.py`):
 it sees smaller changes, in a part of a long recording. Where impulses are not known, nothing is judged.
 """
 
@@ -14,8 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.identification.explanation import Explanation, FittedTorque, explain, explain_in_parts
 from rb_dynamics.analysis.identification.parameters import PLACES
+from rb_dynamics.analysis.identification.score_tests import (
+    FittedTorque,
+    InertiaScore,
+    score_inertia,
+    score_inertia_in_parts,
+)
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, motion_blocks, shared
@@ -197,9 +202,9 @@ def residual(track: Track, bound: float) -> Residual | None:
     changes = direct and noise.beyond and relative > accepted
     worst = wrench["time_ns"][np.linalg.norm(wrench["torque_world"], axis=1).argmax()] if changes else None
     found = (
-        explain(track, body, moving, None if worst is None else int(worst))
+        score_inertia(track, body, moving, None if worst is None else int(worst))
         if direct
-        else explain_in_parts(track, body, moving)
+        else score_inertia_in_parts(track, body, moving)
     )
     if found is None and not direct:
         return None
@@ -253,13 +258,13 @@ def _estimated(track: Track, pose: TimeSeries) -> bool:
     return topic is not None and topic.type_name in IMUS
 
 
-def _share(found: Explanation, track: Track) -> float:
+def _share(found: InertiaScore, track: Track) -> float:
     """Return the fraction of the time of the recording that was fitted."""
     begin, end = track.span_ns
     return min(1.0, (found.end_ns - found.begin_ns) / max(end - begin, 1))
 
 
-def _untold(found: Explanation | None, explained: bool, noise: float, caused: bool) -> str:
+def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: bool) -> str:
     """Return why nothing can be said; `caused` says whether a cause is found of what is not explained."""
     if explained:
         hidden = noise > 0.0 and (found is None or min(found.unseen) >= TELLS)

@@ -8,7 +8,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.cli.parser import require_with
-from rb_dynamics.numerics.argparse_types import real
+from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.commutator_free import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
-from rb_dynamics.motion.dlm import DLM2, DLM4, DLM6
 from rb_dynamics.motion.dop853 import DOP853
-from rb_dynamics.motion.dverk import DVERK
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.midpoint import MIDPOINT
 from rb_dynamics.motion.moser_veselov import DMV82, DMV104, DMV864
 from rb_dynamics.motion.radau import RADAU
 from rb_dynamics.motion.rk4 import RK4
 from rb_dynamics.motion.rkmk import RKMK4, RKMK54
+from rb_dynamics.motion.rotation_splitting import DLM2, DLM4, DLM6
 from rb_dynamics.motion.semi_implicit_euler import EULER
 from rb_dynamics.motion.splitting import STRANG2, STRANG6
 from rb_dynamics.motion.taylor import TAYLOR
+from rb_dynamics.motion.verner import DVERK
 from rb_dynamics.plugins import Registry
 
 _ALL = (

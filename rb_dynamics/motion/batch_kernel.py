@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import closed_form, dlm, fixed_step_kernel, midpoint, rk4
+from rb_dynamics.motion import closed_form, fixed_step_kernel, midpoint, rk4, rotation_splitting
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -369,7 +369,7 @@ def _free_step(
 
 
 _COMPILED_STEPS: dict[str, Step] = {"exact": _free_step}
-_LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step, **dlm.LANE_STEPS}
+_LANE_STEPS: dict[str, Step] = {"rk4": rk4.step, "midpoint": midpoint.lane_step, **rotation_splitting.LANE_STEPS}
 
 
 def _on_demand(

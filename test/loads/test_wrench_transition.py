@@ -18,8 +18,8 @@ from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.run.simulation import Command, Simulation
 from rb_dynamics.sinks.mcap_sink import McapSink
+from rb_dynamics.study.continued_run import scene_at
 from rb_dynamics.study.replay import replay
-from rb_dynamics.study.resume import scene_at
 
 LAG = 0.05
 SCENE = f"""

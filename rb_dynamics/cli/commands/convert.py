@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_window
 from rb_dynamics.cli.topic_arguments import add_frames
-from rb_dynamics.numerics.argparse_types import real
+from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -127,7 +127,7 @@ def _require_fitting(args: argparse.Namespace, target: Path, way: tuple[str, str
 
 def _merged(sources: Sequence[Path], target: Path, window_s: Window) -> Written:
     from rb_dynamics.conversion.convert import Written, merge_bags
-    from rb_dynamics.study.resume import whole_run
+    from rb_dynamics.study.continued_run import whole_run
 
     if len(sources) > 1 and window_s == (None, None) and (samples := whole_run(sources, target)) is not None:
         return Written(target, samples, "samples of one run")
@@ -174,7 +174,7 @@ def _scene_at(source: Path, target: Path, at_s: float) -> int:
     import contextlib
 
     from rb_dynamics.formats.output_file import OutputFile, require_other
-    from rb_dynamics.study.resume import scene_at
+    from rb_dynamics.study.continued_run import scene_at
 
     require_other(target, source)
     found = scene_at(source, round(Decimal(repr(at_s)) * 10**9))

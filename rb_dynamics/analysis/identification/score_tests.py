@@ -1,4 +1,4 @@
-"""`explain`: what the rotation in one recording says about the given inertia, by the model and the fit of `identify`.
+"""What the rotation in one recording says about the given inertia, by the model and the fit of `identify`.
 
 The start of the motion is fitted with the given inertia and the recorded torques. Each candidate for what may be wrong
 is then added to the model, and one Gauss-Newton step is taken with it, from exact derivatives: the score test (Rao,
@@ -88,7 +88,7 @@ class FittedTorque:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class InertiaScore:
     """What a fit says about the inertia.
 
     Attributes:
@@ -116,12 +116,12 @@ class Explanation:
     torque: FittedTorque | None = None
 
 
-def explain_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> Explanation | None:
-    """Return `explain` of a part that the inertia does not explain; if there is none, of the parts together.
+def score_inertia_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> InertiaScore | None:
+    """Return `score_inertia` of a part that the inertia does not explain; if there is none, of the parts together.
 
     Of a recording that is longer than `_PARTS` parts, those in the middle are fitted.
     """
-    middle = explain(track, body, moving)
+    middle = score_inertia(track, body, moving)
     if middle is None or not middle.explained:
         return middle
     begin, end = middle.begin_ns, middle.end_ns
@@ -133,7 +133,7 @@ def explain_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> Expla
         if max(left, right) <= 0.01 * (last - first):
             break
         around = end + length // 2 if right > left else begin - length // 2
-        part = explain(track, body, moving, around_ns=min(max(around, first), last))
+        part = score_inertia(track, body, moving, around_ns=min(max(around, first), last))
         if part is None or part.begin_ns > end or part.end_ns < begin:
             break
         if not part.explained:
@@ -144,9 +144,9 @@ def explain_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> Expla
     return replace(middle, begin_ns=begin, end_ns=end)
 
 
-def explain(
+def score_inertia(
     track: Track, body: RigidBody, moving: TimeSeries, near_ns: int | None = None, around_ns: int | None = None
-) -> Explanation | None:
+) -> InertiaScore | None:
     """Return what the attitude and the measured rates of `track` say about the inertia of `body`.
 
     None if no part in which the torque is known is long enough.
@@ -164,7 +164,7 @@ def explain(
         return None
     # A fit waits for its kernel: without it each step takes a hundred times as long.
     with counted_by(Tally()):
-        return _Judge(body, *part).explanation(near_ns is not None)
+        return _Judge(body, *part).score(near_ns is not None)
 
 
 def _part(track: Track, moving: TimeSeries, near_ns: int | None) -> tuple[Flight, int] | None:
@@ -258,19 +258,19 @@ class _Judge:
         self.floor = {(s.topic, s.kind): _LESS_EXACT * floor_of(self.model, (s.topic, s.kind)) for s in flight.streams}
         self.noise = {key: max(level, self.floor[key]) for key, level in noise_shown(self.model).items()}
 
-    def explanation(self, doubtful: bool) -> Explanation:
+    def score(self, doubtful: bool) -> InertiaScore:
         """Return what is found."""
         first, last = self.flight.span_ns
         attitude = (level for (_, kind), level in self.noise.items() if kind == ATTITUDE)
         noise, hidden = float(np.sqrt(3.0)) * next(attitude, 0.0), (np.inf, np.inf, np.inf)
-        found = Explanation(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
+        found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
         z = self._start()
         if z is None:
             # With an inertia in other units, no motion follows the recording.
             return replace(found, inertia=self._inertia())
         return self._beside(z, found, doubtful)
 
-    def _beside(self, z: Array, found: Explanation, doubtful: bool) -> Explanation:
+    def _beside(self, z: Array, found: InertiaScore, doubtful: bool) -> InertiaScore:
         """Return what is found beside a start."""
         edges = np.linspace(0.0, self.flight.span_ns[1] / NANOSECONDS, _PIECES + 1)
         nothing = Wrench(ZERO, ZERO, self.scene.frames.body_frame)

@@ -17,8 +17,8 @@ from rb_dynamics.cli import main
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
-from rb_dynamics.study import resume
-from rb_dynamics.study.resume import scene_at
+from rb_dynamics.study import continued_run
+from rb_dynamics.study.continued_run import scene_at
 
 __all__ = ["coasting", "flight", "flown"]
 
@@ -174,7 +174,7 @@ def test_one_that_begins_anew_goes_on_by_the_clock_of_the_run(
         commands = [*COMMANDS, *(("push", rb.Wrench((0.0, 0.0, 0.1), stamp_ns=k)) for k in range(60))]
         whole, overrides = fly(tmp_path / "run.mcap", TIMED, commands), {}
         monkeypatch.setattr(document, "MAX_CHARACTERS", 4000)
-        monkeypatch.setattr(resume, "_KEPT", 5)
+        monkeypatch.setattr(continued_run, "_KEPT", 5)
     found = scene_at(whole.log, AT_NS)
     assert ("too many" in str(found.notes)) == (why == "too many commands")
     rest = rb.simulate(rb.parse_scene(found.text, overrides=overrides), list(later(AT_NS))).sample

@@ -11,7 +11,8 @@ from word_series import measured_orders
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Inertia, dlm
+from rb_dynamics.motion import METHODS, Inertia
+from rb_dynamics.motion import rotation_splitting as splitting
 from rb_dynamics.motion.composition import SUZUKI4
 from rb_dynamics.motion.free_rotation import free_rotation
 from rb_dynamics.motion.phase_state import PhaseState
@@ -30,7 +31,7 @@ class TestFlow:
     )
     @pytest.mark.parametrize("t", [0.1, 3.0, -2.0])
     def test_of_a_symmetric_body_is_exact(self, moments: Vector, t: float) -> None:
-        q, omega = dlm.flow(moments, IDENTITY, OMEGA, t)
+        q, omega = splitting.flow(moments, IDENTITY, OMEGA, t)
 
         turn, spin = free_rotation(moments, OMEGA, t)
         assert angle_between(q, turn) <= 32.0 * EPS
@@ -38,14 +39,14 @@ class TestFlow:
 
     def test_is_symmetric(self) -> None:
         moments = (1.5, 2.1, 3.1)
-        q, omega = dlm.flow(moments, *dlm.flow(moments, IDENTITY, OMEGA, 0.8), -0.8)
+        q, omega = splitting.flow(moments, *splitting.flow(moments, IDENTITY, OMEGA, 0.8), -0.8)
 
         assert angle_between(q, IDENTITY) <= 16.0 * EPS
         assert math.dist(omega, OMEGA) <= 32.0 * EPS
 
     def test_keeps_the_angular_momentum_at_any_step(self) -> None:
         moments = (1.5, 2.1, 3.1)
-        q, omega = dlm.flow(moments, IDENTITY, OMEGA, 50.0)
+        q, omega = splitting.flow(moments, IDENTITY, OMEGA, 50.0)
 
         found = subtract(rotate(q, multiply(moments, omega)), multiply(moments, OMEGA))
         assert norm(found) <= 32.0 * EPS * norm(multiply(moments, OMEGA))
@@ -54,7 +55,7 @@ class TestFlow:
         moments = (1.5, 2.1, 3.1)
 
         def error(t: float) -> float:
-            return angle_between(dlm.flow(moments, IDENTITY, OMEGA, t)[0], free_rotation(moments, OMEGA, t)[0])
+            return angle_between(splitting.flow(moments, IDENTITY, OMEGA, t)[0], free_rotation(moments, OMEGA, t)[0])
 
         assert math.log2(error(0.1) / error(0.05)) == pytest.approx(3.0, abs=0.1)
 
@@ -67,7 +68,7 @@ def test_order_is_the_declared_one(name: str) -> None:
 
 def test_order_drops_with_a_changed_coefficient() -> None:
     a, b, c = SUZUKI4[:3]
-    wrong = dlm._method("wrong", 4, kick_free_kick((a + 0.02, b, c - 0.04, b, a + 0.02)), "")
+    wrong = splitting._method("wrong", 4, kick_free_kick((a + 0.02, b, c - 0.04, b, a + 0.02)), "")
 
     assert measured_orders(forced(), wrong)["attitude"] == pytest.approx(2.0, abs=0.3)
 
