@@ -85,7 +85,7 @@ def test_changelog_is_one_that_bloom_reads_after_a_release(root: Path) -> None:
     read = changelog.populate_changelog_from_rst(changelog.Changelog("rb_dynamics"), released)
 
     first, changes = read.get_content_of_version("0.2.0")
-    assert str(first) == "First version."
+    assert str(first).startswith("First version.")
     assert len(changes.bullets) > 10
 
 
