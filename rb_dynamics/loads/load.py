@@ -50,7 +50,3 @@ class LoadDependence(IntEnum):
     """The velocities too."""
     STATES = 3
     """In addition, inner states, such as the momenta of wheels."""
-
-
-Takes = LoadDependence
-"""Former name, for plug-ins."""

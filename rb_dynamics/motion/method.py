@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from rb_dynamics.loads.load import Load, LoadDependence, Takes
+from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
@@ -137,4 +137,4 @@ class Method:
     compiles_loads: bool = True
 
 
-__all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step", "Takes"]
+__all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step"]

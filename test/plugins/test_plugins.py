@@ -133,10 +133,10 @@ def test_registries_of_the_package_have_ours_under_their_names() -> None:
 
 def test_a_method_that_fails_harms_no_trade_of_others(tmp_path: Path) -> None:
     source = """
-from rb_dynamics.motion.method import Method, Takes  # the former name of LoadDependence
+from rb_dynamics.motion.method import LoadDependence, Method
 def step(*_):
     return 1 / 0
-bad = Method("bad", 2, frozenset(), step, takes=Takes.ANY)
+bad = Method("bad", 2, frozenset(), step, takes=LoadDependence.ANY)
 """
     install(tmp_path, "faulty", source, methods="bad = faulty:bad")
     # By what the process has worked: what else the machine does is not to change what is found.
