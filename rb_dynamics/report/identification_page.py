@@ -87,7 +87,7 @@ def _tile(label: str, value: float, error: float | None, unit: str) -> Tile:
 def _unknown(found: Identification) -> list[Section]:
     told = [*(f"Not determined by these recordings: {each}." for each in found.unknown_combinations)]
     told += [f"What would determine it: {each}." for each in found.advice]
-    told += [f"{note}." for note in found.notes]
+    told += [f"{note.removesuffix('.')}." for note in found.notes]
     return [Section("What these recordings do not determine", "\n\n".join(told))] if told else []
 
 

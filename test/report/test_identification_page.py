@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identified_flights import flown, guess
@@ -49,3 +51,7 @@ def test_page_of_a_cube_says_what_is_not_told() -> None:
     assert "do not determine the shape of the inertia" in page["Ellipsoid of inertia"].text
     assert "Not determined by these recordings" in page["What these recordings do not determine"].text
     assert "Ellipses of errors" not in page
+
+    # Notes of the reader are sentences with a full stop, those of the fit have none.
+    noted = sections(replace(found, notes=("The bag has a gap.", "z: left out")))
+    assert noted["What these recordings do not determine"].text.endswith("The bag has a gap.\n\nz: left out.")
