@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import repeat
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from rb_dynamics.loads.command_channels import AppliedWrench
 from rb_dynamics.loads.command_table import Changes
@@ -43,19 +44,13 @@ class EventArrays(NamedTuple):
 
     def events(self) -> Iterator[tuple[int, Sample | AppliedWrench]]:
         """Yield each event as a run edge by edge would write it, with its index in `order`."""
-        samples = self._samples()
+        samples = one_by_one(self.samples)
         for number in self.order.tolist():
             yield number, next(samples) if number < self.taken else self.change(number - self.taken)
 
-    def _samples(self) -> Iterator[Sample]:
-        columns: list[list[Any]] = []
-        for field in fields(Sample):
-            found = getattr(self.samples, field.name)
-            if isinstance(found, tuple):
-                columns.append(list(zip(*(part.tolist() for part in found), strict=True)))
-            else:
-                columns.append([None] * self.taken if found is None else found.tolist())
-        return (Sample(*row) for row in zip(*columns, strict=True))
+    def all_changes(self) -> Iterator[AppliedWrench]:
+        """Yield the changes."""
+        return map(self.change, range(len(self.changes.time_ns)))
 
     def change(self, i: int) -> AppliedWrench:
         """Return change i."""
@@ -66,3 +61,53 @@ class EventArrays(NamedTuple):
         topic = changes.topics[int(changes.channel[i])]
         applied = AppliedWrench(int(changes.time_ns[i]), topic, received, frame, (fx, fy, fz), (tx, ty, tz))
         return applied if received is not None else replace(applied, timed_out=True)
+
+
+def chosen(samples: Sample, rows: slice | Whole) -> Sample:
+    """Return some of the samples, of one whose fields are arrays."""
+
+    def of(field: Any) -> Any:
+        if isinstance(field, tuple):
+            return tuple(part[rows] for part in field)
+        return None if field is None else field[rows]
+
+    return Sample(*(of(field) for field in _fields_of(samples)))
+
+
+def column(samples: Sample, name: str) -> npt.NDArray[Any]:
+    """Return a field of samples, of one whose fields are arrays, as an array: (n,) or (n, width), or n times None."""
+    import numpy as np
+
+    field: Any = getattr(samples, name)
+    if isinstance(field, tuple):
+        return np.stack(field, axis=-1)
+    return np.full(len(cast("Whole", samples.time_ns)), None) if field is None else np.asarray(field)
+
+
+def stacked(samples: Sequence[Sample]) -> Sample:
+    """Return the samples as one whose fields are arrays."""
+    import numpy as np
+
+    def joined(name: str) -> Any:
+        values = [getattr(sample, name) for sample in samples]
+        if values[0] is None:
+            return None
+        found = np.array(values)
+        return tuple(found.T) if found.ndim > 1 else found
+
+    return Sample(*(joined(field.name) for field in fields(Sample)))
+
+
+def one_by_one(samples: Sample) -> Iterator[Sample]:
+    """Yield the samples, of one whose fields are arrays."""
+    columns: list[Iterable[Any]] = []
+    for field in _fields_of(samples):
+        if isinstance(field, tuple):
+            columns.append(zip(*(part.tolist() for part in field), strict=True))
+        else:
+            columns.append(repeat(None) if field is None else field.tolist())
+    return (Sample(*row) for row in zip(*columns, strict=False))
+
+
+def _fields_of(samples: Sample) -> list[Any]:
+    return [getattr(samples, field.name) for field in fields(Sample)]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.loads.command_channels import AppliedWrench, RejectedWrench
+from rb_dynamics.run.event_arrays import EventArrays, column, one_by_one
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo
 
@@ -23,8 +26,6 @@ class MemorySink:
     `sink.potential_energy` holds None if no effect has one.
 
     Attributes:
-        samples: the samples themselves.
-        applied: every change of a wrench channel, and what acts meanwhile where it follows with a lag.
         rejected: every command that was not honoured.
         commands: every command to an actuator, rejected ones too.
         measurements: everything that sensors gave.
@@ -32,28 +33,54 @@ class MemorySink:
 
     def __init__(self) -> None:
         """Begin with nothing."""
-        self.samples: list[Sample] = []
-        self.applied: list[AppliedWrench] = []
+        self._forget()
+
+    def _forget(self) -> None:
+        # Blocks stay arrays until somebody asks for the events in them.
+        self._samples: list[Sample | EventArrays] = []
+        self._applied: list[AppliedWrench | EventArrays] = []
         self.rejected: list[RejectedWrench] = []
         self.commands: list[ActuatorCommand] = []
         self.measurements: list[Measurement] = []
+        self._changed()
+
+    def _changed(self) -> None:
+        self.__dict__.pop("samples", None)
+        self.__dict__.pop("applied", None)
+
+    @cached_property
+    def samples(self) -> list[Sample]:
+        """Every sample as an object."""
+        return _opened(self._samples, lambda block: one_by_one(block.samples))
+
+    @cached_property
+    def applied(self) -> list[AppliedWrench]:
+        """Every change of a wrench channel, and what acts meanwhile where it follows with a lag."""
+        return _opened(self._applied, EventArrays.all_changes)
 
     def open(self, run: RunInfo) -> None:
         """Forget an earlier run."""
-        self.samples, self.applied, self.rejected, self.commands, self.measurements = [], [], [], [], []
+        self._forget()
 
     def write(self, event: Event) -> None:
         """Keep an event; a status is not a part of a run."""
+        self._changed()
         if isinstance(event, Sample):
-            self.samples.append(event)
+            self._samples.append(event)
         elif isinstance(event, AppliedWrench):
-            self.applied.append(event)
+            self._applied.append(event)
         elif isinstance(event, RejectedWrench):
             self.rejected.append(event)
         elif isinstance(event, ActuatorCommand):
             self.commands.append(event)
         elif isinstance(event, Measurement):
             self.measurements.append(event)
+
+    def write_block(self, block: EventArrays) -> None:
+        """Keep many events."""
+        self._changed()
+        self._samples.append(block)
+        self._applied.append(block)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Keep what is there."""
@@ -64,4 +91,15 @@ class MemorySink:
             raise AttributeError(f"MemorySink has no attribute {name!r}; the fields of a sample are {sorted(_FIELDS)}")
         import numpy as np
 
-        return np.array([getattr(sample, name) for sample in self.samples])
+        columns = []
+        for in_block, parts in groupby(self._samples, lambda part: isinstance(part, EventArrays)):
+            if in_block:
+                columns += [column(cast("EventArrays", part).samples, name) for part in parts]
+            else:
+                columns.append(np.array([getattr(sample, name) for sample in parts]))
+        return np.concatenate(columns) if columns else np.array([])
+
+
+def _opened(parts: list[Any], events_of: Callable[[EventArrays], Iterable[Any]]) -> list[Any]:
+    """Return `parts` with the events of a block in its place."""
+    return [each for part in parts for each in (events_of(part) if isinstance(part, EventArrays) else (part,))]

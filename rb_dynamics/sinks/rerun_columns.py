@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import chain
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.numerics.rotation_arrays import rotate_all
-from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.event_arrays import column
 from rb_dynamics.sinks.rerun_style import PlotLines
-from rb_dynamics.sinks.rerun_thinning import KeptSample
+from rb_dynamics.sinks.rerun_thinning import KeptRows
 
 Array = NDArray[np.float64]
 
@@ -34,17 +32,23 @@ class Columns(NamedTuple):
     torque_world: Array
 
 
-def gather(rows: Sequence[KeptSample], series: Iterable[PlotLines]) -> Columns:
+def gather(rows: Sequence[KeptRows], series: Iterable[PlotLines]) -> Columns:
     """Return the rows as columns; there is at least one."""
-    samples = [row.sample for row in rows]
-    stamps = np.array([(row.sample.time_ns, row.index) for row in rows], dtype=np.int64)
+    indices = np.concatenate([each.indices for each in rows])
+    stamps = np.column_stack([np.concatenate([each.samples.time_ns for each in rows]), indices])
     # A log that is converted does not contain everything.
-    told = [one for one in series if getattr(samples[0], one.attribute) is not None]
-    values = {one.entity: _rectangle(samples, one) for one in told}
+    told = [one for one in series if getattr(rows[0].samples, one.attribute) is not None]
+    values = {
+        one.entity: np.concatenate(
+            [column(each.samples, one.attribute).reshape(len(each.indices), -1) for each in rows]
+        )
+        for one in told
+    }
     # A wrench is held for many samples: each is processed once.
-    held = {id(row.held): row.held for row in rows}
+    each_held = [held for part in rows for held in part.held]
+    held = {id(one): one for one in each_held}
     places = {key: place for place, key in enumerate(held)}
-    place = np.fromiter((places[id(row.held)] for row in rows), dtype=np.intp, count=len(rows))
+    place = np.fromiter((places[id(one)] for one in each_held), dtype=np.intp, count=len(each_held))
     attitude = values["attitude"]
     sums = [
         rotate_all(attitude, np.array(in_body)[place]) + np.array(in_world)[place]
@@ -54,11 +58,3 @@ def gather(rows: Sequence[KeptSample], series: Iterable[PlotLines]) -> Columns:
         )
     ]
     return Columns(stamps, values, *sums)
-
-
-def _rectangle(samples: Sequence[Sample], series: PlotLines) -> Array:
-    """Return one field of all samples as rows."""
-    width = len(series.names)
-    field = map(attrgetter(series.attribute), samples)
-    numbers = chain.from_iterable(field) if isinstance(getattr(samples[0], series.attribute), tuple) else field
-    return np.fromiter(numbers, dtype=np.float64, count=width * len(samples)).reshape(-1, width)

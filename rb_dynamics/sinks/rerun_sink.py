@@ -39,6 +39,7 @@ from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
+from rb_dynamics.run.event_arrays import EventArrays, chosen, one_by_one
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
     ActuatorCommand,
@@ -160,6 +161,17 @@ class RerunSink:
         with self._recorder.writing():
             self._recorder.take(event)
 
+    def write_block(self, block: EventArrays) -> None:
+        """Take many events.
+
+        Raises:
+            LogError: the file can no longer be written.
+        """
+        if self._recorder is None:
+            raise RuntimeError(f"{self.path}: write_block() outside open() and close()")
+        with self._recorder.writing():
+            self._recorder.take_block(block)
+
     def close(self, result: Mapping[str, str]) -> None:
         """Write what is left and the facts in `result`, then the footer; closing again does nothing.
 
@@ -273,6 +285,22 @@ class Recorder:
         elif isinstance(event, Status) and event.level > 0:
             self._note("WARN" if event.level == 1 else "ERROR", _sentence(event))
         self._flush_if_due()
+
+    def take_block(self, block: EventArrays) -> None:
+        """Take many events: the samples between two changes of the wrench at once."""
+        is_change = block.order >= block.taken
+        # At the time of the last sample before a change, the wrench may change.
+        is_last = ~is_change & np.append(is_change[1:], True)
+        last_ones = one_by_one(chosen(block.samples, block.order[is_last]))
+        first = 0
+        for number in block.order[is_change | is_last].tolist():
+            if number >= block.taken:
+                self.take(block.change(number - block.taken))
+                continue
+            if number > first:
+                self.rows.take_samples(chosen(block.samples, slice(first, number)))
+            self.take(next(last_ones))
+            first = number + 1
 
     def _flush_if_due(self) -> None:
         many = self.rows.unsent() + len(self.notes) + self.readings.unsent() >= self.batch_rows

@@ -6,8 +6,9 @@ Everything that is kept happened; nothing is interpolated.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from rb_dynamics.loads.command_channels import AppliedWrench
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.run.event_arrays import chosen, stacked
 from rb_dynamics.run.sample import Sample
 
 Array = NDArray[np.float64]
@@ -35,14 +37,19 @@ class Thinner:
             return cls(max_rows)
         return cls(max_rows, max(1, math.ceil(duration * output_rate / max_rows)))
 
-    def keeps(self, index: int) -> bool:
-        """Return whether sample `index` is kept, and count it; asked once for each, in their order."""
-        if index % self.stride:
-            return False
-        self.rows += 1
-        if self.rows % self.max_rows == 0:
+    def kept(self, samples: range) -> list[int]:
+        """Return the indices of the kept ones, and count them; asked once for each sample, in their order."""
+        found: list[int] = []
+        while samples:
+            room = self.max_rows - self.rows % self.max_rows
+            kept = samples[-samples[0] % self.stride :: self.stride][:room]
+            found += kept
+            self.rows += len(kept)
+            if len(kept) < room:
+                break
             self.stride *= 2
-        return True
+            samples = samples[kept[-1] + 1 - samples[0] :]
+        return found
 
 
 class Polyline:
@@ -128,7 +135,7 @@ class WrenchHistory:
     def __init__(self, world_frame: str, start_ns: int, exact: int) -> None:
         """Start with nothing acting at `start_ns`; `exact` changes of each part are kept whatever comes."""
         self.parts: dict[WrenchPart, StepFunction] = {}
-        self.held = HeldWrench()  # the sum of the channels
+        self._held: HeldWrench | None = HeldWrench()
         self._world_frame, self._start_ns, self._exact = world_frame, start_ns, exact
 
     def take(self, event: AppliedWrench, sample: int) -> list[WrenchPart]:
@@ -146,8 +153,15 @@ class WrenchHistory:
                 new.append(part)
             if part in self.parts:
                 self.parts[part].add(StepChange(event.time_ns, sample, value))
-        self.held = self._total()
+        self._held = None
         return new
+
+    @property
+    def held(self) -> HeldWrench:
+        """The sum of the channels."""
+        if self._held is None:
+            self._held = self._total()
+        return self._held
 
     def fetch(self) -> list[tuple[WrenchPart, list[StepChange]]]:
         """Return the changes kept since it was last called, for each part that has any."""
@@ -188,6 +202,14 @@ class KeptSample:
     held: HeldWrench
 
 
+class KeptRows(NamedTuple):
+    """Kept samples: their indices, a `Sample` with arrays, and the sum of the wrenches held at each."""
+
+    indices: Sequence[int]
+    samples: Sample
+    held: Sequence[HeldWrench]
+
+
 class KeptSamples:
     """Kept samples, and the wrenches between them, until they are fetched."""
 
@@ -195,8 +217,9 @@ class KeptSamples:
         """Start before the first sample."""
         self.thinner, self.wrenches = thinner, wrenches
         self._samples = 0
-        self._ready: list[KeptSample] = []
-        self._pending: KeptSample | None = None
+        self._ready: list[KeptRows] = []
+        self._single: list[KeptSample] = []
+        self._pending: Sample | None = None
         self._pending_kept = False
 
     @property
@@ -207,20 +230,28 @@ class KeptSamples:
     def take_sample(self, sample: Sample) -> None:
         """Take the next sample. It waits, so that wrenches of the very same instant count for it."""
         self._settle()
-        self._pending = KeptSample(self._samples, sample, self.wrenches.held)
-        self._pending_kept = self.thinner.keeps(self._samples)
+        self._pending = sample
+        self._pending_kept = bool(self.thinner.kept(range(self._samples, self._samples + 1)))
         self._samples += 1
         if self._pending_kept:
             self.wrenches.settle()
 
+    def take_samples(self, samples: Sample) -> None:
+        """Take the next samples, one with arrays; no wrench changes at their times."""
+        self._settle()
+        first, count = self._samples, len(cast("Array", samples.time_ns))
+        self._samples += count
+        if kept := self.thinner.kept(range(first, first + count)):
+            self.wrenches.settle()
+            self._join()
+            held = [self.wrenches.held] * len(kept)
+            self._ready.append(KeptRows(kept, chosen(samples, np.array(kept) - first), held))
+
     def take_wrench(self, event: AppliedWrench) -> list[WrenchPart]:
         """Take a change of a wrench; return the parts that act for the first time."""
-        if self._pending is not None and event.time_ns > self._pending.sample.time_ns:
+        if self._pending is not None and event.time_ns > self._pending.time_ns:
             self._settle()
-        new = self.wrenches.take(event, self.newest)
-        if self._pending is not None:
-            self._pending = replace(self._pending, held=self.wrenches.held)
-        return new
+        return self.wrenches.take(event, self.newest)
 
     def finish(self, time_ns: int) -> None:
         """Keep the last sample whatever its index, and let every wrench reach the end at `time_ns`."""
@@ -228,19 +259,27 @@ class KeptSamples:
         self._settle()
         self.wrenches.finish(time_ns, self.newest)
 
-    def fetch(self) -> list[KeptSample]:
+    def fetch(self) -> list[KeptRows]:
         """Return the samples kept since it was last called."""
+        self._join()
         ready, self._ready = self._ready, []
         return ready
 
     def unsent(self) -> int:
         """Return how many samples and changes wait to be fetched."""
-        return len(self._ready) + self.wrenches.unsent()
+        return len(self._single) + sum(len(rows.indices) for rows in self._ready) + self.wrenches.unsent()
 
     def _settle(self) -> None:
-        row, self._pending = self._pending, None
-        if row is not None and self._pending_kept:
-            self._ready.append(row)
+        sample, self._pending = self._pending, None
+        if sample is not None and self._pending_kept:
+            self._single.append(KeptSample(self.newest, sample, self.wrenches.held))
+
+    def _join(self) -> None:
+        """Make arrays of the samples that came one by one."""
+        if self._single:
+            single, self._single = self._single, []
+            samples = stacked([row.sample for row in single])
+            self._ready.append(KeptRows([row.index for row in single], samples, [row.held for row in single]))
 
 
 class Piece(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from bag_rows import STAMPED, write_rows
 from edited_logs import edited
+from rerun_runs import Rrd
 
 from rb_dynamics import Solver, Wrench, parse_scene, simulate
 from rb_dynamics.errors import ConvergenceError
@@ -27,6 +28,7 @@ from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.failure_guard import GuardedSink
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink
+from rb_dynamics.sinks.rerun_sink import RerunSink
 from rb_dynamics.sinks.state_hash import HashSink
 from rb_dynamics.study.replay import replay
 
@@ -182,9 +184,27 @@ def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(
     for name, fly in (("singly", _singly), ("together", _run)):
         log, states, memory = McapSink(tmp_path / name, settings=LogSettings(flush_s=0.0)), HashSink(), MemorySink()
         fly(scene, recorded, log, GuardedSink(states, print), memory)
-        kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied])))
+        arrays = [getattr(memory, field.name).tolist() for field in fields(Sample)]
+        kept.append((log.path.read_bytes(), states.hexdigest(), repr([memory.samples, memory.applied, arrays])))
     assert len(kept[0][0]) > (400_000 if rate > 1.0 else 10_000)
     assert kept[0] == kept[1]
+
+
+@pytest.mark.parametrize(("rate", "max_rows"), [(300.0, 100_000), (300.0, 100), (0.5, 100_000)])
+def test_a_recording_by_blocks_has_the_rows_of_one_by_events(
+    bag: Path, tmp_path: Path, rate: float, max_rows: int
+) -> None:
+    pytest.importorskip("rerun")
+    scene = replace(SCENE, solver=Solver(method="rk4", step=1 / 64), output_rate=rate)
+    recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
+    for name, fly in (("singly", _singly), ("together", _run)):
+        path = tmp_path / f"{name}.rrd"
+        fly(scene, recorded, RerunSink(path, max_rows=max_rows, batch_rows=200))
+        # What is not of a time is sent anew with every batch; the last one counts.
+        kept.append({name: rows[-1:] if rows[0][0] is None else rows for name, rows in Rrd(path).rows.items()})
+        del kept[-1]["/__properties", "RecordingInfo:start_time"]
+    assert kept[0].keys() == kept[1].keys()
+    assert [name for name in kept[0] if repr(kept[0][name]) != repr(kept[1][name])] == []
 
 
 def test_a_replay_by_blocks_finds_what_one_by_events_finds(

@@ -28,12 +28,22 @@ def push(
 @given(st.integers(1, 50), st.integers(0, 3000))
 def test_kept_samples_grow_with_the_logarithm_and_only_get_sparser(max_rows: int, count: int) -> None:
     thinner = Thinner(max_rows)
-    kept = [index for index in range(count) if thinner.keeps(index)]
+    kept = [index for index in range(count) if thinner.kept(range(index, index + 1))]
     assert kept[:1] == [0][:count]
     assert len(kept) == thinner.rows <= max_rows * (2.0 + math.log2(1.0 + count / max_rows))
     steps = np.diff(kept)
     assert np.all(np.diff(steps) >= 0)
     assert set(steps.tolist()) <= {2**k for k in range(13)}
+
+
+@given(st.integers(1, 50), st.lists(st.integers(0, 300), max_size=12))
+def test_samples_are_kept_alike_one_by_one_and_many_at_once(max_rows: int, counts: list[int]) -> None:
+    many, single, first = Thinner(max_rows), Thinner(max_rows), 0
+    for count in counts:
+        kept = [index for index in range(first, first + count) if single.kept(range(index, index + 1))]
+        assert many.kept(range(first, first + count)) == kept
+        first += count
+    assert (many.rows, many.stride) == (single.rows, single.stride)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +124,8 @@ def test_a_wrench_of_the_same_instant_counts_for_the_sample_a_later_one_does_not
     rows.take_wrench(push(5, (2.0, 0.0, 0.0)))
     rows.take_sample(still(1))
     rows.finish(10)
-    assert [(row.index, row.held.force_world[0]) for row in rows.fetch()] == [(0, 1.0), (1, 2.0)]
+    (kept,) = rows.fetch()
+    assert list(zip(kept.indices, (held.force_world[0] for held in kept.held), strict=True)) == [(0, 1.0), (1, 2.0)]
 
 
 def test_the_last_sample_is_kept_whatever_its_index() -> None:
@@ -122,7 +133,8 @@ def test_the_last_sample_is_kept_whatever_its_index() -> None:
     for i in range(34):
         rows.take_sample(still(i))
     rows.finish(330)
-    assert [row.index for row in rows.fetch()] == [0, 10, 20, 30, 33]
+    (kept,) = rows.fetch()
+    assert kept.indices == [0, 10, 20, 30, 33]
 
 
 @given(st.integers(1, 8), st.lists(st.integers(1, 25), min_size=1, max_size=12), st.integers(0, 2**32 - 1))
