@@ -2,24 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import RecordedWrench, Times
+from rb_dynamics.errors import LogError
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.recorded_topics import names_in_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene
 
 
-def channel_of(topic: str, scene: Scene | None) -> Channel | None:
-    """Return the scene's channel of the commands on `topic`; None if it has none."""
-    name, channels = topic.removeprefix("/"), () if scene is None else scene.channels
-    return next((channel for channel in channels if channel.topic.removeprefix("/") == name), None)
+def channels_of(
+    topics: Iterable[str], scene: Scene | None, chosen: Mapping[str, str] | None = None
+) -> dict[str, Channel]:
+    """Return the scene's channel of the commands on each of `topics` that has one, see `names_in_scene`.
+
+    Raises:
+        LogError: a topic is chosen for what is not a channel.
+    """
+    channels = {} if scene is None else {channel.topic.removeprefix("/"): channel for channel in scene.channels}
+    for topic, name in (chosen or {}).items():
+        if name.removeprefix("/") not in channels:
+            raise LogError(
+                f"topic {topic} is chosen for {name!r}, expected a channel of the scene: {[*channels]}; name one"
+            )
+    return {topic: channels[name] for topic, name in names_in_scene(topics, channels, chosen).items()}
+
+
+def which_channel(commands: Mapping[str, Channel | None], scene: Scene) -> str:
+    """Return why it cannot be told how those of `commands` act, by their topics, that have no channel; "" if it can.
+
+    They may be those of a channel without recorded commands. Its bias acts whatever they are.
+    """
+    like = Channel()
+    others = [
+        channel.topic
+        for channel in scene.channels
+        if channel not in commands.values()
+        and replace(channel, topic=like.topic, optional=False, bias_force=ZERO, bias_torque=ZERO) != like
+    ]
+    named = ", ".join(topic for topic, channel in commands.items() if channel is None)
+    if not (named and others):
+        return ""
+    many = " or ".join(others)
+    return f"cannot tell whether {named} has the commands of {many}, with the delay, timeout, lag or limits of that"
 
 
 def timed_out(times: Times, timeout_ns: int) -> tuple[Times, NDArray[np.intp]]:
@@ -41,10 +74,8 @@ def acting_wrenches(
 
     Commands are unknown after each `missing` piece (first and last ns) of the recording, until the next.
     """
-    found = []
-    for each in (steps.without(missing) for steps in wrenches):
-        channel = None if each.topic.endswith(APPLIED) else channel_of(each.topic, scene)
-        found.append(each if channel is None else _in_channel(each, channel))
+    known = (steps.without(missing) for steps in wrenches)
+    found = [each if each.channel is None else _in_channel(each, each.channel) for each in known]
     recorded = {each.topic.removesuffix(APPLIED) for each in wrenches if each.topic.endswith(APPLIED)}
     return (
         *found,

@@ -15,6 +15,7 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
+from rb_dynamics.logs.recorded_topics import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
 
@@ -125,8 +126,15 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     """Return the wrenches by channel; topics of a bag by the channel that they drove in the run `flown` from it."""
     driven = {} if track.own else driven_of(flown.bag.metadata)
     channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
-    names = [steps.topic.removesuffix(APPLIED).removeprefix("/") for steps in track.recorded]
+    names = [_name(steps) for steps in track.recorded]
+    # One of the two may have been recorded in a namespace.
+    theirs = {*map(_name, flown.wrenches)} - {*channels.values()}
+    channels = names_in_scene([name for name in names if name not in channels], theirs) | channels
     return {channels.get(name, name): steps for name, steps in zip(names, track.recorded, strict=True)}
+
+
+def _name(steps: RecordedWrench) -> str:
+    return steps.topic.removesuffix(APPLIED).removeprefix("/")
 
 
 def _of_actuators(

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channel_of
+from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART, clock
 from rb_dynamics.analysis.stamp_order import disorder
 from rb_dynamics.analysis.track import (
@@ -57,7 +57,7 @@ class TopicChoice:
     Attributes:
         pose: topic of the pose.
         twist: topic of the twist.
-        wrenches: topics of the wrenches.
+        wrenches: topics of the wrenches; of commands also as TOPIC=CHANNEL, with their channel in the scene.
         frames: the pose is that of the second frame in the first, from /tf and /tf_static.
         alone: of the motion, only what these topics contain counts: the twist of an Odometry whose pose is chosen, but
             not what another topic contains.
@@ -156,10 +156,10 @@ class _TrackReader:
                 f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not checked; "
                 "energy is, with the work that the run recorded."
             )
-        unrecorded = "" if own else self._unrecorded()
+        unrecorded = "" if own else self._unrecorded(wrenches)
         if unrecorded:
             acted = False
-            self.notes.append(f"What moved the body is not all in the recording: {unrecorded}.")
+            self.notes.append(f"What moved the body is not all known: {unrecorded}.")
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
         body, body_from = self._body()
@@ -517,22 +517,25 @@ class _TrackReader:
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
         topics = [t.name for t in self.bag.topics.values() if t.type_name in WRENCHES]
-        if asked := self.choice.wrenches:
-            topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name in asked]
+        chosen_for = {}
+        if asked := [each.partition("=") for each in self.choice.wrenches]:
+            topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name, *_ in asked]
+            chosen_for = {topic: each[2] for topic, each in zip(topics, asked, strict=True) if each[1]}
         applied = [topic for topic in topics if topic.endswith(APPLIED)]
         # In a bag of several bodies, the wrenches on each body are next to its pose.
         applied = [topic for topic in applied if own or not self._distance(topic)] or applied
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
+        chosen = applied if (own or applied) and not asked else topics
+        channels = channels_of(chosen, self.scene, chosen_for)
         if topics and not (own or applied):
             self.notes.append(
                 "The bag says what was commanded, not what acted: each wrench is assumed to act from its stamp until "
-                f"the next of its topic{self._as_in_scene(topics)}."
+                f"the next of its topic{self._as_in_scene(channels)}."
             )
-        chosen = applied if (own or applied) and not asked else topics
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
         steps = tuple(
-            _steps(self.bag, topic, frames, channel_of(topic, self.scene), self._later(topic), self.notes)
+            _steps(self.bag, topic, frames, channels.get(topic), self._later(topic), self.notes)
             for topic in sorted(chosen)
         )
         for held in steps:
@@ -545,14 +548,13 @@ class _TrackReader:
                 )
         return steps, own or bool(chosen)
 
-    def _as_in_scene(self, topics: Sequence[str]) -> str:
-        """Return what else is assumed of wrenches on `topics` and of what acts, as the end of a sentence."""
+    def _as_in_scene(self, channels: Mapping[str, Channel]) -> str:
+        """Return what else is assumed of commands by their topics and of what acts, as the end of a sentence."""
         if self.scene is None:
             return ", and nothing else is assumed to act"
         told = [
             f"{topic} with its {name} of {value:g} s"
-            for topic in topics
-            if (channel := channel_of(topic, self.scene)) is not None
+            for topic, channel in channels.items()
             for name, value in (("delay", channel.delay), ("timeout", channel.timeout))
             if value
         ]
@@ -561,15 +563,21 @@ class _TrackReader:
         besides = f"the scene adds {others}" if others else "nothing else is assumed to act"
         return f"{', as the scene says: ' if told else ''}{', '.join(told)}; {besides}"
 
-    def _unrecorded(self) -> str:
-        """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag."""
-        found: list[str] = []
+    def _unrecorded(self, wrenches: Sequence[RecordedWrench]) -> str:
+        """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag.
+
+        How commands of `wrenches` act is not in a bag either, if it depends on their channel.
+        """
+        found, doubt = list[str](), ""
         if self.scene is not None:
             acting = (*self.scene.combined_effects.varying, *(each.kind for each in self.scene.actuators))
             found = [*dict.fromkeys(acting)]
+            told = {each.topic: each.channel for each in wrenches if not each.topic.endswith(APPLIED)}
+            doubt = which_channel(told, self.scene)
         joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
         return "; ".join(
-            [f"the scene has {', '.join(found)}"] * bool(found)
+            [f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt)
+            + [f"the scene has {', '.join(found)}"] * bool(found)
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )
 
@@ -692,6 +700,7 @@ def _steps(
         known=np.array([part is not None for part in held], dtype=bool)[order],
         frames=tuple(sorted({wrench.frame_id for _, wrench in commands})),
         disorder=disorder(times),
+        channel=limits,
     )
 
 

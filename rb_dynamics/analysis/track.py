@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.stamp_order import Disorder
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
@@ -88,6 +89,7 @@ class RecordedWrench:
         known: False for a row with an undeclared frame or unusable numbers.
         frames: every `frame_id` met.
         disorder: times that do not ascend in the file; None if all do.
+        channel: of the scene, whose commands these are; None for what is applied or of no channel.
     """
 
     topic: str
@@ -99,6 +101,7 @@ class RecordedWrench:
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
     disorder: Disorder | None = None
+    channel: Channel | None = None
 
     def accepted(self) -> RecordedWrench:
         """Return the same without rows that are not known: a command that is rejected leaves the one before."""

@@ -21,8 +21,9 @@ def add_topics(parser: argparse.ArgumentParser, of_two: str = "") -> None:
         help="topic of the velocities: TwistStamped, Odometry, Imu, ..." + of_two,
     )  # fmt: skip
     parser.add_argument(
-        "--wrench-topic", metavar="TOPIC", action="append", default=[], help="topic of a wrench; may be repeated"
-    )
+        "--wrench-topic", metavar="TOPIC[=CHANNEL]", action="append", default=[],
+        help="topic of a wrench, and the scene's channel of these commands; may be repeated",
+    )  # fmt: skip
     add_frames(parser, "take the pose of the frame BODY in WORLD from /tf" + of_two, action)
 
 

@@ -31,6 +31,7 @@ from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
+from rb_dynamics.logs.recorded_topics import names_in_scene
 
 _logger = logging.getLogger(__name__)
 
@@ -242,7 +243,7 @@ class RecordedWrenches:
         channels: WrenchChannels | None = None,
         actuators: Sequence[str] = (),
     ) -> None:
-        """Search the bags for the commands on `topics`; a leading slash makes no difference between names.
+        """Search the bags for the commands on `topics`, by the rule of `names_in_scene`.
 
         A Wrench without header has its log time as stamp and frame "".
 
@@ -259,12 +260,14 @@ class RecordedWrenches:
             LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's topics
                 is one of `topics` or `actuators`.
         """
-        self._topics, self._mapping = topics, mapping or {}
-        known = _wanted((*topics, *actuators), self._mapping)
-        self._actuators = {name: topic for name, topic in known.items() if topic in actuators}
-        self._wanted = {name: topic for name, topic in known.items() if topic in topics}
+        self._topics, self._commanded = topics, actuators
+        self._take(mapping or {})
         self._end_ns, self._channels = end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
+        in_namespace = self._in_namespace()
+        if in_namespace:
+            self._take({**self._mapping, **in_namespace})
+            self._bags = [self._looked_through(bag) for bag in self._bags]
         self._bags = [self._looked_through(replace(bag, fills=True)) if bag.partly_unset else bag for bag in self._bags]
         self._require_topics()
         for bag in self._bags:
@@ -276,6 +279,7 @@ class RecordedWrenches:
             for bag in self._bags
             if bag.fills
         ]
+        self.notes += (f"{topic} is taken for {name} of the scene" for topic, name in in_namespace.items())
         self.notes += (
             f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; of "
             "several runs in one bag the commands are mixed, as they act in the order of their stamps"
@@ -330,6 +334,23 @@ class RecordedWrenches:
         for bag in self._bags:
             if bag.lost:
                 _logger.warning("%s %s; the %d commands in it are used", bag.path, bag.lost, bag.count)
+
+    def _take(self, mapping: Mapping[str, str]) -> None:
+        """Let topics drive the channels and actuators of their names, and those of `mapping` what it says."""
+        self._mapping = mapping
+        known = _wanted((*self._topics, *self._commanded), mapping)
+        self._actuators = {name: topic for name, topic in known.items() if topic in self._commanded}
+        self._wanted = {name: topic for name, topic in known.items() if topic in self._topics}
+
+    def _in_namespace(self) -> dict[str, str]:
+        """Return what topics drive that have the name of a channel or actuator, but in a namespace."""
+        found = sum((bag.found for bag in self._bags), Counter[str]())
+        wrenches = [*found] or [name for bag in self._bags for name in bag.found]
+        scalars = {name for bag in self._bags for name in (*bag.drives, *bag.drives_nothing)}
+        known = names_in_scene(wrenches, self._topics, self._mapping)
+        known |= names_in_scene(scalars, self._commanded, self._mapping)
+        taken = {name.removeprefix("/") for name in (*self._wanted, *self._actuators)}
+        return {topic: name for topic, name in known.items() if topic.removeprefix("/") not in taken}
 
     def require_some(self) -> None:
         """Refuse a bag that has commands, but none that takes effect.

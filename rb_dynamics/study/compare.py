@@ -20,11 +20,13 @@ from rb_dynamics.analysis.time_alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
+from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
+from rb_dynamics.logs.recorded_topics import names_in_scene
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.simulation import simulate
@@ -244,11 +246,12 @@ class _Flights:
             if name in bag.topics and name.lstrip("/") != topic.lstrip("/") and topic not in self._mapping.values()
         }
         mapping |= self._mapping
-        driven = {name.lstrip("/") for name in (*actuators, *(n for n, topic in mapping.items() if topic in actuators))}
+        scalars = [topic.name for topic in bag.topics.values() if topic.type_name == SCALAR]
+        driven = names_in_scene(scalars, actuators, mapping)
         commanding = [
             topic
             for topic in bag.topics.values()
-            if topic.count and (topic.type_name in WRENCH_TYPES or topic.name.lstrip("/") in driven)
+            if topic.count and (topic.type_name in WRENCH_TYPES or topic.name in driven)
         ]
         if not commanding:
             self.notes.append(f"{bag.path} has no commands: {scene.source} is simulated without any.")

@@ -10,7 +10,10 @@ from bag_rows import write_rows
 
 from rb_dynamics import Inspection, Setpoint, Wrench, inspect, parse_scene, simulate
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, timed_out
+from rb_dynamics.analysis.identification.flights import read_flight
+from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import RecordedWrench
+from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -84,6 +87,55 @@ def test_what_the_scene_says_acts_is_no_fault_of_the_body(what: str, tmp_path: P
     assert told.get(what, "scheduled_wrench") in said
 
 
+def renamed(bag: Path, topic: str, *more: str) -> Path:
+    """Return a copy of `bag` with the wrenches on `topic`, and their first ones on `more` topics, too."""
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    rows = [(topic if row[0] == "/wrench" else row[0], *row[1:]) for row in rows]
+    rows += [(name, *next(row for row in rows if row[0] == topic)[1:]) for name in more]
+    return write_rows(bag.with_name("renamed.mcap"), sorted(rows, key=lambda row: row[2]))
+
+
+@pytest.mark.parametrize(
+    ("topics", "chosen", "expected"),
+    [
+        (["/sat/wrench"], "", (True, True)),
+        (["/cmd"], "", (False, True)),
+        (["/cmd"], "/cmd=wrench", (True, True)),
+        (["/a/wrench", "/b/wrench"], "", (False, True)),
+        (["/a/wrench", "/b/wrench"], "/a/wrench", (True, True)),
+    ],
+)
+def test_the_channel_of_commands_is_found_or_not_guessed(
+    topics: list[str], chosen: str, expected: tuple[bool, bool], tmp_path: Path
+) -> None:
+    """Commands of a namespace were taken without the delay of their channel, which accused the body."""
+    bag = renamed(flown(tmp_path, ACTING["delay"], COMMANDS), *topics)
+    scene, choice = (
+        parse_scene(SCENE.format(zz=0.38, rest=ACTING["delay"])),
+        TopicChoice(wrenches=(chosen,) * bool(chosen)),
+    )
+    found = inspect(bag, scene, topics=choice)
+    assert verdict(found) == expected
+    said = [note for note in found.track.notes if "cannot tell whether" in note and all(t in note for t in topics)]
+    assert len(said) == (not expected[0])
+    if said:
+        with pytest.raises(LogError, match=r"cannot tell whether .* has the commands of wrench"):
+            read_flight(str(bag), scene, topics=choice)
+    else:
+        (channel,) = read_flight(str(bag), scene, topics=choice).channels
+        assert (channel.time_ns / SECOND).tolist() == [1.2, 4.2]
+
+
+def test_a_topic_is_chosen_for_a_channel_only(tmp_path: Path) -> None:
+    bag = flown(tmp_path, ACTING["delay"], COMMANDS)
+    with pytest.raises(LogError, match=r"/wrench is chosen for 'push', expected a channel of the scene: \['wrench'\]"):
+        inspect(
+            bag,
+            parse_scene(SCENE.format(zz=0.38, rest=ACTING["delay"])),
+            topics=TopicChoice(wrenches=("/wrench=push",)),
+        )
+
+
 def test_a_part_of_a_bag_counts_the_time_of_schedules_from_its_begin(tmp_path: Path) -> None:
     bag = flown(tmp_path, ACTING["schedule"], COMMANDS)
     found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING["schedule"])), window_s=(1.5, 7.0))
@@ -114,7 +166,9 @@ def test_a_command_that_comes_in_time_or_may_have_come_does_not_expire() -> None
     scene = parse_scene(SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench, timeout: 2.0, delay: 0.5}]"))
     sent = [time * SECOND for time in (0, 10)]
     ones, flags = np.ones((2, 3)), np.zeros(2, dtype=bool)
-    wrench = RecordedWrench("/wrench", np.array(sent), ones, ones, flags, flags, ~flags, ("body",))
+    (channel,) = scene.channels
+    sides = (ones, ones, flags, flags, ~flags, ("body",))
+    wrench = RecordedWrench("/wrench", np.array(sent), *sides, channel=channel)
     (whole,) = acting_wrenches([wrench], scene, [], 0)
     assert [t / SECOND for t in whole.time_ns.tolist()] == [0.5, 2.5, 10.5, 12.5]
     assert whole.force[:, 0].tolist() == [1.0, 0.0, 1.0, 0.0]

@@ -354,20 +354,42 @@ def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: 
     rows: list[Row] = [
         ("/sat/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)),
         ("/sat/w/command", "std_msgs/msg/Float64", 2 * SECOND, value),
+        ("/other/w/command", "std_msgs/msg/Float64", 2 * SECOND, value),
         ("/sat/energy", "std_msgs/msg/Float64", 2 * SECOND, value),
     ]
     path = write_rows(tmp_path / "bag.mcap", rows)
     mapping = {"/sat/wrench": "wrench"}
     found = RecordedWrenches([path], ["wrench"], 9 * SECOND, mapping, actuators=["w/command"])
     assert found.setpoints == []
+    remedy = "no actuator of the scene (w/command); map with --topic TOPIC=ACTUATOR/command"
     assert [note for note in found.notes if "actuator" in note] == [
-        f"{path}: /sat/w/command commands no actuator of the scene (w/command); map with --topic TOPIC=ACTUATOR/command"
+        f"{path}: /other/w/command, /sat/w/command command {remedy}",
     ]
     both = RecordedWrenches(
         [path], ["wrench"], 9 * SECOND, {**mapping, "/sat/w/command": "w/command"}, actuators=["w/command"]
     )
     assert len(both.setpoints) == 1
-    assert not any("actuator" in note for note in both.notes)
+    assert [note for note in both.notes if "actuator" in note] == [
+        f"{path}: /other/w/command commands {remedy}",
+    ]
+
+
+def test_a_bag_of_a_namespace_drives_the_channel_and_the_actuator_that_alone_fit(tmp_path: Path) -> None:
+    rows: list[Row] = [
+        ("/sat/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)),
+        ("/sat/w/command", SCALAR, 2 * SECOND, cdr.encode(SCALAR, (0.5,))),
+    ]
+    path = write_rows(tmp_path / "bag.mcap", rows)
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, start="auto", actuators=["w/command"])
+    assert [topic for topic, _ in (*found, *found.setpoints)] == ["wrench", "w/command"]
+    assert found.notes == [
+        "/sat/wrench is taken for wrench of the scene",
+        "/sat/w/command is taken for w/command of the scene",
+    ]
+    assert found.facts["wrench_topics"] == "/sat/wrench=wrench, /sat/w/command=w/command"
+    rows.insert(0, ("/other/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)))
+    with pytest.raises(LogError, match="map the topic with --topic"):
+        RecordedWrenches([write_rows(tmp_path / "two.mcap", rows)], ["wrench"], 9 * SECOND)
 
 
 @pytest.fixture

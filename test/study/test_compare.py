@@ -526,6 +526,24 @@ def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> No
     assert rb.compare(scene, named, mapping={"/cmd": "thrust"}).first_ns is None
     with pytest.raises(rb.LogError, match="--topic"):
         rb.compare(scene, named)
+    spaced = foreign(folder / "spaced.mcap", log, later_ns=LATER, commands=bag_commands("/sat/thrust"))
+    for found in (rb.compare(scene, spaced), rb.compare(spaced, scene)):
+        assert found.first_ns is None
+        assert found.commands == []
+
+
+def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Path, folder: Path) -> None:
+    one, other = (
+        foreign(
+            folder / f"named{k.replace('/', '_')}.mcap",
+            log,
+            commands=[*bag_commands(f"{k}/thrust"), *bag_commands(f"{k}/push")],
+        )
+        for k in ("/sat", "")
+    )
+    for pair in ((one, other), (other, one)):
+        found = rb.compare(*pair)
+        assert found.commands == []
 
 
 def test_a_scene_flies_the_commands_of_a_log_in_a_namespace(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.acting_wrenches import channels_of, which_channel
 from rb_dynamics.analysis.identification.flights import (
     ACCELERATION,
     ATTITUDE,
@@ -29,6 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
+from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
 from rb_dynamics.scene.model import Scene
@@ -97,20 +99,23 @@ def read_csv_flight(
         world, gyro = quantity == "velocity_world", quantity == "gyro"
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
     notes: list[str] = []
-    channels = [*_wrench(found, measured, times - zero, scene)]
+    channels = [*_wrench(found, measured, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, wrench_topics)
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
 def _wrench(
-    found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene
+    found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene, path: str
 ) -> Iterator[WrenchSeries]:
     parts = [name for name in ("force", "torque") if name in found]
     if parts:
         given = np.logical_and.reduce([measured[name] for name in parts])
         nothing = np.zeros((int(given.sum()), 3))
         held = [found[name][given] if name in found else nothing for name in ("force", "torque")]
-        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing, nothing]), scene)
+        channel = channels_of(["wrench"], scene).get("wrench")
+        if doubt := which_channel({"wrench": channel}, scene):
+            raise LogError(f"{path}: {doubt}; call the channel of its force and torque wrench in the scene")
+        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing, nothing]), channel or Channel())
         # Only a change is a command.
         changes = np.append(True, (np.diff(acting.held, axis=0) != 0.0).any(axis=1))[: len(acting.held)]
         yield WrenchSeries(acting.topic, acting.time_ns[changes], acting.held[changes])

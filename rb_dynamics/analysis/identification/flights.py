@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rb_dynamics.analysis.acting_wrenches import channel_of, timed_out
+from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
@@ -233,13 +233,17 @@ def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:
 
     What acted is logged about the centre of mass; the commands say the frames in which they came.
     """
-    return replace(flight, channels=tuple(_with_points(channel, bag, scene) for channel in flight.channels))
+    names = bag.metadata.get(TOPICS, {})
+    named = {names[channel.topic]: channel.topic for channel in scene.channels if channel.topic in names}
+    taken = channels_of((channel.topic for channel in flight.channels), scene, named)
+    return replace(
+        flight, channels=tuple(_with_points(each, bag, scene, taken.get(each.topic)) for each in flight.channels)
+    )
 
 
-def _with_points(channel: WrenchSeries, bag: Bag, scene: Scene) -> WrenchSeries:
-    if channel.topic not in bag.topics:
+def _with_points(channel: WrenchSeries, bag: Bag, scene: Scene, taken: Channel | None) -> WrenchSeries:
+    if channel.topic not in bag.topics or taken is None:
         return channel
-    taken = channel_of(channel.topic, scene) or Channel()
     frames, times, at_point = scene.frames, [-1], [False]
     for log_time, wrench in bag.wrenches(channel.topic):
         try:
@@ -282,8 +286,11 @@ def acting_elsewhere(
 def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[WrenchSeries]:
     # A log of this package also contains what effects of the scene did, in any namespace.
     acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
+    taken = {wrench.topic: wrench.channel for wrench in acting if not wrench.topic.endswith(APPLIED)}
+    if doubt := which_channel(taken, scene):
+        raise LogError(f"{path}: {doubt}; choose it with --wrench-topic TOPIC=CHANNEL")
     found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
-    return [_channel(wrench, scene, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
+    return [_channel(wrench, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
 
 
 def _accepted(wrench: RecordedWrench, end_ns: int, path: str, notes: list[str]) -> RecordedWrench:
@@ -357,7 +364,7 @@ def _unless_blank(
     return [Stream(series.topic, kind, series.time_ns[measured] - zero, values[measured])]
 
 
-def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path: str) -> WrenchSeries:
+def _channel(wrench: RecordedWrench, zero: int, end_ns: int, path: str) -> WrenchSeries:
     """Return what acted of a recorded wrench, its timeout included.
 
     Raises:
@@ -373,7 +380,7 @@ def _channel(wrench: RecordedWrench, scene: Scene, zero: int, end_ns: int, path:
     times = wrench.time_ns - zero
     if wrench.topic.endswith(APPLIED):
         return WrenchSeries(wrench.topic.removesuffix(APPLIED), times, held)
-    return commanded(wrench.topic, times, held, scene)
+    return commanded(wrench.topic, times, held, wrench.channel or Channel())
 
 
 def held_rows(wrench: RecordedWrench) -> Array:
@@ -389,8 +396,7 @@ def held_rows(wrench: RecordedWrench) -> Array:
     )
 
 
-def commanded(topic: str, times: Times, held: Array, scene: Scene) -> WrenchSeries:
-    """Return what acts of commands, with the delay and the timeout of the scene's channel of this name."""
-    channel = channel_of(topic, scene) or Channel()
+def commanded(topic: str, times: Times, held: Array, channel: Channel) -> WrenchSeries:
+    """Return what acts of commands, with the delay and the timeout of their channel."""
     acting, rows = timed_out(times + channel.delay_ns, channel.timeout_ns)
     return WrenchSeries(topic, acting, np.vstack([held, np.zeros((1, held.shape[1]))])[rows])
