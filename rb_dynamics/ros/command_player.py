@@ -19,6 +19,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.ros.conversions import to_nanoseconds, to_stamp
+from rb_dynamics.ros.other_nodes import unconnected
 
 # How many commands a channel may be ahead of the motion received, and how many messages may be queued.
 _LEAD = 20
@@ -91,7 +92,9 @@ class WrenchPlayer(Node):
             self._wait_for_motion(before + 1)
 
     def _connected(self) -> bool:
-        return self._step.service_is_ready() and all(w.get_subscription_count() for w in self._wrenches.values())
+        found = self._wrenches.values()
+        ready = self._step.service_is_ready() and all(each.get_subscription_count() for each in found)
+        return ready and not unconnected(self, found)
 
     def _wait_for_motion(self, time_ns: int) -> None:
         self._wait(lambda: self._newest_pose >= time_ns and self._newest_twist >= time_ns, f"no motion at {time_ns} ns")

@@ -22,19 +22,23 @@ from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.rosbag2_metadata import offered_qos
 from rb_dynamics.ros.conversions import to_stamp
+from rb_dynamics.ros.other_nodes import unconnected
 from rb_dynamics.ros.pacing import Pacer
 
 # Enough for a reader that is slow for a moment.
 _DEPTH = 1000
-# s: how long to wait for a first reader, and for another after the last one, even on a busy machine.
-_PATIENCE, _NEXT = 3.0, 1.5
+# s: how long to look for readers, and for another after the last one. By default, Fast DDS and Cyclone DDS announce
+# themselves every 3 s, and of readers that are there, one may be found by such an announcement only.
+_SEARCH, _NEXT = 4.0, 1.5
+# s: how long to wait until all that were found are connected, and until they have got all messages.
+_CONNECT, _PATIENCE = 10.0, 3.0
 _TYPE = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Za-z][A-Za-z0-9]*)")
 
 
 def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: Sequence[str] = ()) -> int:
     """Publish every message of `log`; return their number.
 
-    Starts when no new reader has appeared for 1.5 s, or after 3 s without any.
+    Starts after 4 s, when no new reader has appeared for 1.5 s and all are connected.
 
     Args:
         log: a bag, see `open_source`.
@@ -56,7 +60,7 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
             publishers = {channel.topic: _publisher(node, channel) for channel in source.channels.values()}
             ticks = node.create_publisher(Clock, "/clock", 1) if clock and "/clock" not in publishers else None
             known = {topic: each for topic, each in publishers.items() if each is not None}
-            _wait_for_readers(list(known.values()))
+            wait_for_readers(node, list(known.values()))
             return _play(log, rate, known, ticks)
         finally:
             node.destroy_node()
@@ -121,10 +125,20 @@ def _is_kept(channel: McapChannel) -> bool:
     return isinstance(offered, dict) and offered.get("durability") in ("transient_local", 1)
 
 
-def _wait_for_readers(publishers: Sequence[Publisher]) -> None:
-    readers, give_up = 0, time.monotonic() + _PATIENCE
-    while time.monotonic() < give_up:
+def wait_for_readers(node: Node, publishers: Sequence[Publisher]) -> None:
+    """Return when those that are there are connected, with a warning if some cannot be."""
+    readers, begin = 0, time.monotonic()
+    enough = begin + _SEARCH
+    missing = unconnected(node, publishers)
+    while time.monotonic() < (enough + _CONNECT if missing else enough):
         found = sum(each.get_subscription_count() for each in publishers)
         if found > readers:
-            readers, give_up = found, time.monotonic() + _NEXT
+            readers, enough = found, max(enough, time.monotonic() + _NEXT)
         time.sleep(0.02)
+        missing = unconnected(node, publishers)
+    if missing:
+        told = ", ".join(f"{topic} {connected} of {known}" for topic, (connected, known) in missing.items())
+        node.get_logger().warning(
+            f"not all readers are connected after {_CONNECT:g} s, the others miss messages: {told}; check that they "
+            "run, in the same network and partition"
+        )

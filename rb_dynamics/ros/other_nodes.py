@@ -1,4 +1,4 @@
-"""`Neighbours`: finds other nodes that publish our topics, and readers with incompatible QoS."""
+"""`Neighbours`: finds other nodes that publish our topics, and readers with incompatible QoS; `unconnected` readers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos_check_compatible
@@ -80,14 +81,35 @@ class Neighbours:
         return [f"{name} (of the same name)" if name == own else name for name in names]
 
     def _misfits(self, topic: str, publisher: Publisher) -> list[str]:
-        offered = publisher.qos_profile
         readers = self._node.get_subscriptions_info_by_topic(topic)
         return [
             f"{topic}: the QoS of the reader {_name(reader)} is incompatible, it receives nothing: "
-            f"{_remedy(self._node, topic, offered, reader.qos_profile)}"
+            f"{_remedy(self._node, topic, publisher.qos_profile, reader.qos_profile)}"
             for reader in readers
-            if qos_check_compatible(offered, reader.qos_profile)[0] == QoSCompatibility.ERROR
+            if not _suits(publisher, reader)
         ]
+
+
+def unconnected(node: Node, publishers: Iterable[Publisher]) -> dict[str, tuple[int, int]]:
+    """Return how many readers are connected, and how many could be, for each topic where these are more."""
+    found = {}
+    for publisher in publishers:
+        kind = f"{publisher.msg_type.__module__.partition('.')[0]}/msg/{publisher.msg_type.__name__}"
+        readers = node.get_subscriptions_info_by_topic(publisher.topic_name)
+        fitting = sum(reader.topic_type == kind and _suits(publisher, reader) for reader in readers)
+        if (connected := publisher.get_subscription_count()) < fitting:
+            found[publisher.topic_name] = connected, fitting
+    return found
+
+
+def _suits(publisher: Publisher, reader: Any) -> bool:
+    """Return whether the QoS of a publisher offers what a reader asks for."""
+    offered = publisher.qos_profile
+    # What is not set is 0 there, and infinite where the graph tells of it.
+    for name in ("deadline", "lifespan", "liveliness_lease_duration"):
+        if not getattr(offered, name).nanoseconds:
+            setattr(offered, name, Infinite)
+    return bool(qos_check_compatible(offered, reader.qos_profile)[0] != QoSCompatibility.ERROR)
 
 
 def _remedy(node: Node, topic: str, offered: Any, asked: Any) -> str:

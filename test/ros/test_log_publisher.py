@@ -6,7 +6,9 @@ import importlib.util
 import os
 import subprocess
 import sys
+import threading
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +31,7 @@ from rosgraph_msgs.msg import Clock
 from rb_dynamics import Wrench, parse_scene, simulate
 from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.ros.log_publisher import wait_for_readers
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytestmark = pytest.mark.ros
@@ -75,6 +78,61 @@ def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
     assert peer.heard["/inertia"][0].inertia.m == 2.0
     ticks = [each.clock.sec * 10**9 + each.clock.nanosec for each in peer.heard["/clock"]]
     assert ticks == sorted(set(ticks))
+
+
+def test_readers_that_are_found_late_are_waited_for(peer: Peer) -> None:
+    """A reader that was there was found up to 2.3 s after another one, by the next of its announcements."""
+    publisher = peer.node.create_publisher(PoseStamped, "/late", KEEP_ALL)
+    peer.node.create_subscription(PoseStamped, "/late", print, KEEP_ALL)
+    # It can never receive, and is not waited for.
+    peer.node.create_subscription(PoseStamped, "/late", print, TRANSIENT)
+    connected: list[int] = []
+
+    def wait() -> None:
+        wait_for_readers(peer.node, [publisher])
+        connected.append(publisher.get_subscription_count())
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    time.sleep(2.3)
+    peer.node.create_subscription(PoseStamped, "/late", print, KEEP_ALL)
+    waiting.join(8.0)
+    assert connected == [2]
+
+
+def test_a_reader_that_is_known_but_never_connected_is_named(
+    tmp_path: Path, peer: Peer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Readers of another partition are known to the graph, and are not connected."""
+    log, profile = tmp_path / "run.mcap", tmp_path / "profile.xml"
+    simulate(replace(SCENE, duration=0.1, text=""), sinks=[McapSink(log)])
+    profile.write_text(
+        '<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><data_reader profile_name="elsewhere" '
+        'is_default_profile="true"><qos><partition><names><name>other</name></names></partition></qos></data_reader>'
+        "</profiles>"
+    )
+    reader = subprocess.Popen(
+        [sys.executable, "-c", _READER],
+        env={**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile), "RMW_FASTRTPS_USE_QOS_FROM_XML": "1"},
+    )
+    try:
+        peer.until(lambda: peer.node.count_subscribers("/pose") == 1, "the reader")
+        done = command("replay", str(log), "--into", "ros", "--rate", "0")
+    finally:
+        reader.kill()
+        reader.wait()
+    assert done.returncode == 0, done.stderr
+    assert "the others miss messages: /pose 0 of 1;" in capfd.readouterr().err
+
+
+_READER = """
+import time, rclpy
+from geometry_msgs.msg import PoseStamped
+rclpy.init()
+node = rclpy.create_node("reader")
+reader = node.create_subscription(PoseStamped, "/pose", print, 10)
+time.sleep(60.0)
+"""
 
 
 def test_a_log_neither_imports_what_it_names_nor_ends_the_replay(tmp_path: Path) -> None:
