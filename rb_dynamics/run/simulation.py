@@ -39,6 +39,7 @@ from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
 from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
+from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
 from rb_dynamics.motion.propagation import Edges, Propagated, pays
@@ -52,7 +53,7 @@ from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
 from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
-from rb_dynamics.run.plan import Plan
+from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
@@ -74,8 +75,9 @@ _logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
-# ns: for so long a motion in closed form must be possible from a state to which the body is moved.
-_FORESEEN_NS = NANOSECONDS
+# ns: for so long a motion in closed form must be possible from a state to which the body is moved, under a torque; free
+# motion must be up to the next change that is known, or the end, or of a run without one for so long as its accuracy.
+_FORESEEN_NS, _FORESEEN_FREE_NS = NANOSECONDS, nanoseconds(OPEN_END_HORIZON)
 
 # Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
@@ -474,7 +476,7 @@ class Simulation:
                 raise ConvergenceError(reason)
 
     def hindrance(self, change: StateChange | None = None) -> str:
-        """Return why no step can be taken from the present state, or from `change` now, or ""; changes nothing."""
+        """Return why the motion cannot continue from now, or from `change` now, or ""; changes nothing."""
         with self._tentative():
             try:
                 self._phase = self.phase
@@ -894,7 +896,7 @@ class Simulation:
         return ""
 
     def _first_arc(self, plan: Plan, foreseen_ns: int) -> Arc:
-        """Return a new arc that lasts a step or, in closed form, `foreseen_ns`, if the run does.
+        """Return a new arc that lasts a step or, in closed form, `foreseen_ns` and a free one longer, if the run does.
 
         Raises:
             ConvergenceError: it does not.
@@ -906,6 +908,11 @@ class Simulation:
             _require_finite(self.scene.body, arc.ahead(), grid_ns)
         else:
             until_ns = self.time_ns + foreseen_ns
+            if foreseen_ns and is_free(self._held):
+                # No command can be foreseen, and nothing but a command slows it down.
+                free_ns = self.time_ns + _FORESEEN_FREE_NS if self.end_ns is None else self.end_ns
+                change_ns = self._next_change_ns()
+                until_ns = max(until_ns, free_ns if change_ns is None else min(free_ns, change_ns))
             until_ns = until_ns if self.end_ns is None else min(until_ns, self.end_ns)
             _require_finite(self.scene.body, arc.at(until_ns), until_ns)
         self._observer.sample(self._phase, self.time_ns)

@@ -244,8 +244,9 @@ def test_motion_capture_moves_the_body_within_one_run_that_replays(tmp_path: Pat
             "effects: [{type: linear_drag, translation: 0.1, rotation: 0.001}]\nduration: 600\n",
             ([7e6, 0.0, 0.0], [1e6, 0.0, 0.0]),
         ),
+        ("duration: 600\n", ([7e6, 0.0, 0.0], [1e6, 0.0, 0.0])),
     ],
-    ids=["at the centre", "too fast"],
+    ids=["at the centre", "too fast", "too fast in free motion"],
 )
 def test_a_state_that_nothing_follows_is_rejected_and_the_next_one_acts(
     tmp_path: Path, peer: Peer, text: str, bad: tuple[list[float], list[float]]

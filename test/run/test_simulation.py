@@ -619,8 +619,39 @@ class TestStateThatNothingFollows:
         assert run.look().angular_velocity_body == (1.0, 0.0, 0.0)
         assert run.time_ns == 123_456_789
 
+    @pytest.mark.parametrize(
+        ("text", "rate", "reason"),
+        [
+            (SPUN, 1e6, "accuracy 1e-09 cannot be kept: in closed form too, rounding alone adds"),
+            (SPUN.replace("duration: 600\n", ""), 1e12, "no digit of the attitude is known"),
+        ],
+        ids=["accuracy at the end", "attitude within an hour"],
+    )
+    def test_free_motion_is_foreseen_to_the_end(self, text: str, rate: float, reason: str) -> None:
+        """A rate was accepted that stopped the run seconds later, which no command had caused."""
+        bad = State(angular_velocity_body=(rate, 0.2 * rate, 0.0))
+        run = Simulation(parse_scene(text))
+        run.advance(SECOND)
+        assert reason in run.hindrance(StateChange.to(bad, run.scene.body))
+        run.set_state(StateChange.to(bad, run.scene.body).at(2 * SECOND))
+        run.advance(590 * SECOND)
+        [(_, told)] = run.refused
+        assert reason in told
+        assert reason in Simulation(dataclasses.replace(run.scene, initial=bad, text="")).hindrance()
+
+    def test_what_is_known_to_come_ends_what_is_foreseen_of_free_motion(self) -> None:
+        text = SPUN.replace("wrenches: []", "wrenches: [{topic: wrench}]")
+        fast = State(angular_velocity_body=(1e5, 2e5, 0.0))
+        for commands in (0, 1):
+            run = Simulation(parse_scene(text))
+            run.move(StateChange.to(State(angular_velocity_body=(1.0, 2.0, 0.0)), run.scene.body))
+            for _ in range(commands):
+                run.post("wrench", Wrench(force=(1.0, 0.0, 0.0)), 2 * SECOND)
+            assert bool(run.hindrance(StateChange.to(fast, run.scene.body))) == (not commands)
+
     def test_a_change_now_frees_a_motion_that_cannot_continue(self) -> None:
         text = SPUN.replace("wrenches: []", "wrenches: [{topic: wrench}]").replace("0.1, 0.2", "1e5, 2e5")
+        text = text.replace("duration: 600", "duration: 10")
         run = Simulation(parse_scene(text))
         # The accuracy can be kept in closed form only.
         run.post("wrench", Wrench(torque=(0.1, 0.2, 0.1)), SECOND)
