@@ -25,7 +25,7 @@ BOOKS = 6
 """States behind the momenta: motor work, friction heat (J), and what the inner torque adds to those of the body: work
 (J) and impulse (N m s, world axes)."""
 
-BEFORE, EACH = 10, 17
+BEFORE, EACH = 10, 19
 """Numbers of all: how many wheels there are, and row by row the inverse of the inertia without the free ones; and of
 each, see below."""
 
@@ -33,10 +33,12 @@ INERTIA, AXIS, VISCOUS, COULOMB, HELD, MOTOR, FRICTION, COMMAND = 0, 1, 4, 5, 6,
 """Of each: its inertia and axis, viscous and Coulomb friction, how it is held, and while it is free the torque (N m) of
 the motor and the constant part of the friction; its command, N m or rad/s."""
 
-POINT, LOW, HIGH, LEFT, MOST_TORQUE, MOST_SPEED, BY_SPEED = 10, 11, 12, 13, 14, 15, 16
+POINT, LOW, HIGH, LEFT, MOST_TORQUE, MOST_SPEED, BY_SPEED, LATE, TORQUE = 10, 11, 12, 13, 14, 15, 16, 17, 18
 """The speed (rad/s) at which it may stay, where it is at one; the speeds below and above which it is no longer as free
 as it is; the point that it was released from at this very time; its limits; and whether a speed is commanded. NaN for
-no speed."""
+no speed. How long ago (s) it passed the point that it is put to now, and the torque on it since then."""
+
+_NANOSECOND = 1e-9
 
 FREE, AT_SPEED, AT_REST = 0.0, 1.0, 2.0
 """How a wheel is held."""
@@ -114,11 +116,61 @@ def switches(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -
     return not c[a + LOW] <= speed <= c[a + HIGH]
 
 
-def switch_wheel(c: Cells, i: int, s: int, k: int, omega: Vector) -> None:
-    """Put wheel k, one that `switches`, to the point that it has just passed, unless it is held."""
-    a, speed = _at(i, k), speed_of(c, i, s, k, omega)
-    if c[a + HELD] == FREE:
-        c[a + POINT] = _nearest(c, a, c[a + LOW] if speed < c[a + LOW] else c[a + HIGH])
+@compiled_apart
+def switch_wheels(
+    c: Cells, i: int, s: int, moments: Vector, torque: Vector, orientation: Quaternion, omega: Vector
+) -> Vector:
+    """Put free wheels that have just passed a point to it, and return by how much that changes w (principal axes).
+
+    They passed it between two whole nanoseconds. What wheels and body did to each other since then is taken back, and
+    what they do from the point on put in its place, to first order in that time. The changes of the states come behind
+    them.
+    """
+    spin_up, n = spin_up_of(c, i, s, moments, torque, omega), count_of(c, i)
+    inner_torque(c, i, s, moments, torque, orientation, omega)
+    r, passed = s + n + BOOKS, False
+    for k in range(n):
+        a, speed = _at(i, k), speed_of(c, i, s, k, omega)
+        c[a + LATE] = 0.0
+        if c[a + HELD] == FREE and switches(c, i, s, k, spin_up, omega):
+            bound = c[a + LOW] if speed < c[a + LOW] else c[a + HIGH]
+            rate = c[r + k] / c[a + INERTIA] - dot(_axis_of(c, i, k), spin_up)
+            beyond = speed - bound
+            # Where the speed hardly changes, the time is not known.
+            c[a + LATE] = min(beyond / rate, _NANOSECOND) if beyond * rate > 0.0 else 0.0
+            c[a + TORQUE], c[a + POINT], passed = c[r + k], _nearest(c, a, bound), True
+    if not passed:
+        return ZERO
+    settle(c, i, s, moments, torque, omega)
+    inner_torque(c, i, s, moments, torque, orientation, omega)
+    push = ZERO
+    for k in range(n):
+        a = _at(i, k)
+        if c[a + LATE] > 0.0:
+            gain = (c[r + k] - c[a + TORQUE]) * c[a + LATE]
+            if c[a + HELD] != FREE:
+                gain = c[a + INERTIA] * (c[a + POINT] - speed_of(c, i, s, k, omega))
+            push = add_scaled(push, -gain, _axis_of(c, i, k))
+    change, motor, heat = _by_inverse(c, i, push), 0.0, 0.0
+    for k in range(n):
+        a, axis, speed = _at(i, k), _axis_of(c, i, k), speed_of(c, i, s, k, omega)
+        held, late = c[a + HELD] != FREE, c[a + LATE] > 0.0
+        faster = c[a + POINT] - speed if held and late else 0.0
+        gain = c[a + INERTIA] * (faster + dot(axis, change)) if held else 0.0
+        if late and not held:
+            gain = (c[r + k] - c[a + TORQUE]) * c[a + LATE]
+            faster = gain / c[a + INERTIA] - dot(axis, change)
+        c[r + k] = gain
+        # At rest friction has done it, elsewhere the drive.
+        if c[a + LEFT] == 0.0 or c[a + POINT] == 0.0:
+            heat -= gain * (speed + 0.5 * faster)
+        else:
+            motor += gain * (speed + 0.5 * faster)
+    impulse = times(moments, change)
+    c[r + n], c[r + n + 1] = motor, heat
+    c[r + n + 2] = motor - heat - dot(impulse, add_scaled(omega, 0.5, change))
+    c[r + n + 3], c[r + n + 4], c[r + n + 5] = rotate(orientation, impulse)
+    return change
 
 
 def _at(i: int, k: int) -> int:
@@ -297,7 +349,12 @@ def spin_up_of(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega:
         momentum = add_scaled(momentum, c[a + INERTIA] * speed, axis)
         if c[a + HELD] == FREE:
             push = add_scaled(push, -(c[a + MOTOR] + c[a + FRICTION] - c[a + VISCOUS] * speed), axis)
-    x, y, z = add(push, cross(momentum, omega))
+    return _by_inverse(c, i, add(push, cross(momentum, omega)))
+
+
+def _by_inverse(c: Cells, i: int, vector: Vector) -> Vector:
+    """Return the product of the inverse of the inertia without the free wheels and a vector."""
+    x, y, z = vector
     one, two = (c[i + 1], c[i + 2], c[i + 3]), (c[i + 4], c[i + 5], c[i + 6])
     return add(add(scale(x, one), scale(y, two)), scale(z, (c[i + 7], c[i + 8], c[i + 9])))
 

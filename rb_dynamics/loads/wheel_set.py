@@ -36,7 +36,7 @@ from rb_dynamics.loads.wheel_numbers import (
     move_on,
     settle,
     spin_up_of,
-    switch_wheel,
+    switch_wheels,
     switches,
 )
 from rb_dynamics.loads.wrench import HeldWrench
@@ -63,7 +63,7 @@ class WheelSet:
         # See `wheel_numbers.py`.
         self._now = [float(len(self.wheels)), *(0.0,) * (BEFORE - 1)]
         for wheel, axis in zip(self.wheels, self._axes, strict=True):
-            limits = wheel.max_torque, wheel.max_speed, float(wheel.command == "speed")
+            limits = wheel.max_torque, wheel.max_speed, float(wheel.command == "speed"), 0.0, 0.0
             how = FREE, 0.0, 0.0, 0.0, math.nan, -math.inf, math.inf, math.nan
             self._now += (wheel.inertia, *axis, wheel.viscous, wheel.coulomb, *how, *limits)
         for k, wheel in enumerate(self.wheels):
@@ -137,12 +137,18 @@ class WheelSet:
             spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega)
         return [k for k in range(len(self.wheels)) if switches(c, 0, n, k, spin_up, omega)]
 
-    def switch(self, wheels: Sequence[int], omega: Vector, states: Sequence[float]) -> None:
-        """Put free wheels from `switching` to the point that they have just passed."""
-        c, n = [*self._now, *states], len(self._now)
-        for k in wheels:
-            switch_wheel(c, 0, n, k, omega)
+    def switch(
+        self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]
+    ) -> tuple[Vector, tuple[float, ...]]:
+        """Put free wheels from `switching` to the point that they have just passed; see `switch_wheels`.
+
+        Return by how much that changes the angular velocity (principal axes) and the states.
+        """
+        n, count = len(self._now), len(self.wheels) + BOOKS
+        c = [*self._now, *states[:count], *states[:count]]
+        change = switch_wheels(c, 0, n, self._moments, torque, orientation, omega)
         self._now = c[:n]
+        return change, (*c[-count:], *(0.0,) * len(self.imbalances))
 
     def stage(
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]

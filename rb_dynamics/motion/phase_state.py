@@ -14,7 +14,7 @@ from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Increment, Inertia
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, norm, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 SUMS = 14
@@ -241,6 +241,15 @@ def grown(high: Sums, low: Sums, step: Increment, h: float) -> tuple[Sums, Sums]
         (a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11, a12, a13),
         (b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11, b12, b13),
     )
+
+
+def spun(phase: PhaseState, moments: Vector, change: Vector) -> PhaseState:
+    """Return `phase`, without inner states, after a change of its angular velocity by a torque that acts at once."""
+    turn, omega = times(moments, change), phase.angular_velocity
+    work, impulse = dot(turn, add_scaled(omega, 0.5, change)), rotate(phase.orientation, turn)
+    step = Increment(ZERO, phase.orientation, add(omega, change), ZERO, impulse, work)
+    high, low = grown(phase.high, phase.low, step, 0.0)
+    return PhaseState(step.orientation, step.angular_velocity, high, low)
 
 
 def two_sum(a: float, b: float, rest: float) -> tuple[float, float]:

@@ -22,15 +22,15 @@ from rb_dynamics.loads.wheel_numbers import (
     settle,
     speed_of,
     spin_up_of,
-    switch_wheel,
+    switch_wheels,
     switches,
 )
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.auto_method import TRIALS
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, total
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, spun, total, two_sum
 from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
 from rb_dynamics.motion.steady_load import steady_time
 from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, estimate, first_guess, following_step, rounding
@@ -237,7 +237,7 @@ def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -
         if not switch:
             break
         if good:
-            _switch(c)
+            _switch(c, f)
             good = _begin_arc(c, f, w, trials)
     return good
 
@@ -427,12 +427,17 @@ def _switching(c: Numbers) -> bool:
     return found
 
 
-def _switch(c: Numbers) -> None:
-    """Switch the wheels that no longer turn as they do, where the body stands."""
-    phase, (_, _, states), spin_up = phase_at(c, CONSTANTS), layout(c), _spin_up(c)
-    for k in range(int(c[WHEELS])):
-        if switches(c, WHEELS, states, k, spin_up, phase.angular_velocity):
-            switch_wheel(c, WHEELS, states, k, phase.angular_velocity)
+def _switch(c: Numbers, f: Numbers) -> None:
+    """Switch the wheels that no longer turn as they do, where the body stands, and keep what becomes of the phase."""
+    phase, (m, sums, states), moments = phase_at(c, CONSTANTS), layout(c), (c[1], c[2], c[3])
+    there = phase.orientation, phase.angular_velocity
+    change = switch_wheels(c, WHEELS, states, moments, _outside(c, phase), *there)
+    if change != ZERO:
+        write_phase(c, CONSTANTS, spun(phase, moments, change))
+        for k in range(m):
+            c[sums + k], c[sums + m + k] = two_sum(c[sums + k], c[states + m + k], c[sums + m + k])
+        _keep(c, f, GRID_POINT)
+        _keep(c, f, _here(c))
 
 
 @compiled_apart

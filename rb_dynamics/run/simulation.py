@@ -41,7 +41,15 @@ from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
 from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
 from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
-from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, in_principal_axes, time_between
+from rb_dynamics.motion.phase_state import (
+    SUMS,
+    PhaseState,
+    RoundingHistory,
+    in_principal_axes,
+    spun,
+    time_between,
+    two_sum,
+)
 from rb_dynamics.motion.propagation import Edges, Propagated, pays
 from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT
 from rb_dynamics.motion.step_checks import out_of_range
@@ -743,7 +751,12 @@ class Simulation:
     def _switch(self, phase: PhaseState) -> None:
         """Switch the wheels that have reached a switching time, from here on."""
         if self._wheels is not None:
-            self._wheels.switch(self._switching(self._wheels, phase), phase.angular_velocity, phase.inner)
+            there = phase.orientation, phase.angular_velocity
+            change, gains = self._wheels.switch(self._torque(phase), *there, phase.inner)
+            if change != ZERO:
+                high, low = zip(*map(two_sum, phase.high[SUMS:], gains, phase.low[SUMS:]), strict=True)
+                turned = spun(phase, self.scene.body.principal_moments, change)
+                self._phase = turned._replace(high=turned.high + high, low=turned.low + low)
             self._stale = True
 
     def _next_switch_ns(self, wheels: WheelSet, until_ns: int) -> int | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 
+PI = Fraction(math.pi) + Fraction(1.2246467991473532e-16)
 BODY = """
 body: {mass: 10, inertia: {matrix: [[0.05, 0.001, 0], [0.001, 0.12, 0.002], [0, 0.002, 0.14]]}}
 initial: {angular_velocity_body: [0.1, -0.2, 0.3]}
@@ -118,6 +120,102 @@ solver: {accuracy: 1.0e-11}
     assert sink.angular_velocity_body == pytest.approx(expected, abs=1e-10)
     assert sink.wheel_speeds[:, 0] == pytest.approx(100.0, abs=1e-10)
     require_books(sink, 1e-12, 1e-12)
+
+
+def test_a_wheel_passes_rest_between_two_nanoseconds() -> None:
+    """About one axis, in fractions: 400 passages, and some at which friction holds it until the next command."""
+    coulomb, j, whole = 0.02, 1e-3, 0.05
+    text = f"""
+body: {{mass: 5, inertia: {{diagonal: [{whole}, 0.06, 0.07]}}}}
+actuators:
+  - {{type: reaction_wheel, name: w, axis: [1, 0, 0], inertia: {j}, speed: 1.0, friction: {{coulomb: {coulomb}}}}}
+duration: 230
+"""
+    torques = [(-1) ** k * -0.05 if k % 10 != 9 else 0.01 for k in range(460)]
+    commands = [("w/command", Setpoint(torque, k * 500_000_000)) for k, torque in enumerate(torques)]
+    sink = flown(text, commands, output_rate=1.0)
+
+    spin, friction = Fraction(j), Fraction(coulomb)
+    speed, rate, angle, passages, holds = Fraction(1), Fraction(0), Fraction(0), 0, 0
+    for torque in map(Fraction, torques):
+        left = Fraction(1, 2)
+        while left:
+            side = speed if speed else torque
+            on_wheel = torque - friction if side > 0 else torque + friction
+            if not speed and abs(torque) <= friction:
+                on_wheel, holds = Fraction(0), holds + 1
+            slowing = -on_wheel / (Fraction(whole) - spin)
+            change = on_wheel / spin - slowing
+            time = min(left, -speed / change) if speed * change < 0 else left
+            passages += time < left
+            speed, left = speed + change * time, left - time
+            angle += (rate + slowing * time / 2) * time
+            rate += slowing * time
+    assert passages >= 400
+    assert holds >= 20
+    assert sink.wheel_speeds[-1, 0] == pytest.approx(float(speed), abs=1e-10)
+    assert sink.angular_velocity_body[-1, 0] == pytest.approx(float(rate), abs=1e-13)
+    turned = Rotation.from_quat(sink.orientation_xyzw[-1]) * Rotation.from_rotvec([-float(angle % (2 * PI)), 0.0, 0.0])
+    assert turned.magnitude() < 2e-12
+    require_books(sink, 1e-12, 1e-14)
+
+
+def test_wheels_that_pass_rest_follow_an_integrator_that_locates_it() -> None:
+    """Two wheels of a body that tumbles, each reversed every half second."""
+    text = f"""{BODY}
+wrenches: []
+actuators:
+  - {{type: reaction_wheel, name: a, axis: [1, 2, 0], inertia: 1.0e-3, friction: {{coulomb: 0.02}}, speed: 1}}
+  - {{type: reaction_wheel, name: b, axis: [0, 1, 1], inertia: 2.0e-3, friction: {{coulomb: 0.03}}, speed: -1}}
+duration: 50
+solver: {{accuracy: 1.0e-11}}
+"""
+    inertia = np.array([[0.05, 0.001, 0.0], [0.001, 0.12, 0.002], [0.0, 0.002, 0.14]])
+    axes = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 1.0]]) / np.sqrt([[5.0], [2.0]])
+    j, coulomb, size = np.array([1e-3, 2e-3]), np.array([0.02, 0.03]), np.array([-0.05, 0.06])
+    core = inertia - np.einsum("k,ki,kj->ij", j, axes, axes)
+
+    def speeds(state: Any) -> Any:
+        return state[3:5] / j - axes @ np.linalg.solve(core, state[:3] - state[3:5] @ axes)
+
+    def rates(_: float, state: Any, motor: Any, sides: Any) -> Any:
+        omega = np.linalg.solve(core, state[:3] - state[3:5] @ axes)
+        turned = state[5:].reshape(3, 3) @ np.cross(np.eye(3), omega)
+        return np.concatenate([np.cross(state[:3], omega), motor - coulomb * sides, turned.ravel()])
+
+    events = [lambda _, state, motor, sides, k=k: sides[k] * speeds(state)[k] for k in (0, 1)]
+    for event in events:
+        event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+    omega, speed, sides, passages = np.array([0.1, -0.2, 0.3]), np.array([1.0, -1.0]), np.array([1.0, -1.0]), 0
+    state = np.concatenate([inertia @ omega + (j * speed) @ axes, j * (speed + axes @ omega), np.eye(3).ravel()])
+    for k in range(100):
+        time, end = 0.5 * k, 0.5 * (k + 1)
+        while time < end:
+            found = solve_ivp(
+                rates,
+                (time, end),
+                state,
+                "DOP853",
+                events=events,
+                args=((-1) ** k * size, sides),
+                rtol=1e-13,
+                atol=1e-15,
+            )
+            time, state = found.t[-1], found.y[:, -1]
+            for wheel, at in enumerate(found.t_events):
+                if len(at):
+                    sides[wheel], passages = -sides[wheel], passages + 1
+    assert passages > 180
+    commands = [
+        (f"{name}/command", Setpoint((-1) ** k * torque, k * 500_000_000))
+        for k in range(100)
+        for name, torque in zip("ab", size.tolist(), strict=True)
+    ]
+    sink = flown(text, commands)
+    turned = Rotation.from_quat(sink.orientation_xyzw[-1]).inv() * Rotation.from_matrix(state[5:].reshape(3, 3))
+    assert turned.magnitude() < 1e-11
+    assert sink.wheel_speeds[-1] == pytest.approx(speeds(state), abs=1e-11)
+    require_books(sink, 1e-11, 1e-13)
 
 
 def test_friction_brings_a_wheel_to_rest_and_holds_it() -> None:
