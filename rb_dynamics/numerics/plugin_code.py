@@ -11,8 +11,12 @@ import builtins
 import dis
 import hashlib
 import math
+import operator
+import re
 import sys
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import pairwise
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -37,6 +41,8 @@ _REFUSED = {
     "IMPORT_NAME": "import",
     "MAKE_FUNCTION": "a function or comprehension inside",
 }
+# Larger whole numbers are no doubles, and the sum of a smaller one and of those that a function counts has 64 bits.
+_LARGEST_WHOLE, _LARGEST_ADDEND = 2**53, 2**31
 
 
 class NotAdmittedError(Exception):
@@ -91,6 +97,47 @@ def _require_admitted(function: FunctionType) -> None:
         if unknown or (operator and operator not in _OPERATORS):
             found = operator or _SYMBOLS.get(name.partition("_")[2], name)
             raise NotAdmittedError(f"{where} uses {found}, expected only +, -, * and / (write x * x for x ** 2)")
+    if unset := _may_be_unset(function):
+        raise NotAdmittedError(
+            f"{where} may use {unset} before it is set, an error in plain Python; set it at the start"
+        )
+    if not all(map(_is_constant, filter(_is_number, function.__code__.co_consts))):
+        raise NotAdmittedError(f"{where} has a whole number beyond 2^53; write it as a float")
+
+
+def _may_be_unset(function: FunctionType) -> str:
+    """Return a local variable that may be read before it is set, on some path through the code; "" for none."""
+    code = function.__code__
+    found = list(dis.get_instructions(function))
+    offsets = [each.offset for each in found]
+    known: dict[int, set[str]] = {}
+    several = bool(code.co_flags & _VARARGS)
+    todo = [(0, set(code.co_varnames[: code.co_argcount + several]))]
+    while todo:
+        number, set_before = todo.pop()
+        # Only what all ways to an instruction have set is set there.
+        if number in known and known[number] <= set_before:
+            continue
+        here = known[number] = known.get(number, set_before) & set_before
+        each, names = found[number], set(here)
+        values = each.argval if isinstance(each.argval, tuple) else (each.argval,)
+        for (action, _), name in zip(_LOCAL.findall(each.opname), values, strict=False):
+            if action == "LOAD" and name not in names:
+                return str(name)
+            names = names - {name} if action == "DELETE" else names | {name}
+        if not each.opname.startswith(("RETURN", "RAISE")) and each.opname not in _ALWAYS:
+            todo.append((number + 1, names))
+        if each.opcode in _JUMPS:
+            todo.append((bisect_left(offsets, each.argval), names))
+    return ""
+
+
+# Newer Python has instructions for two variables.
+_LOCAL = re.compile(r"(LOAD|STORE|DELETE)_FAST(_BORROW)?")
+# The flag of code with *args.
+_VARARGS = 0x04
+_JUMPS = {*dis.hasjrel, *dis.hasjabs}
+_ALWAYS = ("JUMP", "JUMP_FORWARD", "JUMP_ABSOLUTE", "JUMP_BACKWARD", "JUMP_BACKWARD_NO_INTERRUPT")
 
 
 def _identity(function: FunctionType, name: str, value: object) -> str:
@@ -121,7 +168,11 @@ def _identity(function: FunctionType, name: str, value: object) -> str:
 def _is_constant(value: object) -> bool:
     if type(value) is tuple:
         return all(map(_is_constant, value))
-    return value is None or type(value) in (float, int, bool)
+    return value is None or type(value) in (float, bool) or (type(value) is int and abs(value) <= _LARGEST_WHOLE)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, tuple))
 
 
 def _is_named_tuple(value: object) -> bool:
@@ -179,8 +230,51 @@ def _translated(function: Any, known: dict[int, Any]) -> Any:
         plain.__code__, {**plain.__globals__, **changed}, plain.__name__, plain.__defaults__, plain.__closure__
     )
     # Unlike in kernels, division by zero is an error.
-    known[id(function)] = numba.njit(copy, error_model="python")
+    known[id(function)] = numba.njit(copy, error_model="python", pipeline_class=_compiler())
     return known[id(function)]
+
+
+@cache
+def _compiler() -> Any:
+    """Return a compiler that refuses sums and products of whole numbers that may go beyond 64 bits."""
+    from numba.core import compiler, compiler_machinery, ir, types
+    from numba.core.typed_passes import NopythonTypeInference
+
+    sums, products = (operator.add, operator.sub, operator.iadd, operator.isub), (operator.mul, operator.imul)
+
+    def is_small(kind: Any) -> bool:
+        return isinstance(kind, types.IntegerLiteral) and abs(kind.literal_value) <= _LARGEST_ADDEND
+
+    @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
+    class WholeNumbers(compiler_machinery.AnalysisPass):  # type: ignore[misc]
+        _name = "whole_numbers_of_plugins"
+
+        def __init__(self) -> None:
+            super().__init__()
+
+        def run_pass(self, state: Any) -> bool:
+            for each in state.calltypes:
+                if not isinstance(each, ir.Expr) or each.op not in ("binop", "inplace_binop"):
+                    continue
+                kinds = [state.typemap[side.name] for side in (each.lhs, each.rhs)]
+                if each.fn not in (*sums, *products) or not all(isinstance(kind, types.Integer) for kind in kinds):
+                    continue
+                # No run counts up to 2^63 in such steps.
+                if each.fn in products or not any(map(is_small, kinds)):
+                    name = state.func_id.func_qualname
+                    raise RuntimeError(
+                        f"{name} adds or multiplies whole numbers, which may go beyond 64 bits; write them as floats"
+                    )
+            return False
+
+    class Compiler(compiler.CompilerBase):  # type: ignore[misc]
+        def define_pipelines(self) -> list[Any]:
+            passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.add_pass_after(WholeNumbers, NopythonTypeInference)
+            passes.finalize()
+            return [passes]
+
+    return Compiler
 
 
 def _for_numba(value: Any, known: dict[int, Any]) -> Any:

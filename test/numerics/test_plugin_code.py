@@ -105,11 +105,55 @@ def test_an_expression_has_the_bits_of_python_and_fails_where_it_does(expression
         ("try:\n        return 1.0 / x\n    except ZeroDivisionError:\n        return 0.0", "f has try"),
         ("global LIST; LIST = x\n    return x", "f has global"),
         ("import os\n    return x", "f has import"),
+        ("if x > 0.0: y = x\n    return y", "f may use y before it is set"),
+        ("for k in range(3): y = x\n    return y", "f may use y before it is set"),
+        ("for k in range(3): x = x + 1.0\n    return x + k", "f may use k before it is set"),
+        ("while x < 1.0:\n        if x > 0.5: break\n        y = x; x = x + y\n    return y", "f may use y before"),
+        ("y = x; del y; return y", "f may use y before it is set"),
+        ("if x > 5.0: y = x\n    return x and y", "f may use y before it is set"),
+        ("return x * 9007199254740993", "a whole number beyond 2.53"),
+        ("return (x, 2 * 9007199254740993)[0]", "a whole number beyond 2.53"),
     ],
 )
 def test_what_compiled_code_may_do_otherwise_is_not_admitted(body: str, reason: str) -> None:
     with pytest.raises(NotAdmittedError, match=reason):
         identity(defined(f"def f(x):\n    {body}\n"), ())
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "if x > 0.0: y = x\n    else: y = -x\n    return y",
+        "y = x\n    for k in range(3): y = y + k\n    return y",
+        "y = 0.0\n    while y < 3.0:\n        if y > x: break\n        z = y + 1.0; y = z\n    return y",
+        "for a in (x, x):\n        if a > 1.0: continue\n        b = a\n        x = x + b\n    return x",
+        "if x > 1.0: return x\n    elif x > 0.0: y = 1.0\n    else: return -x\n    return y and x or y",
+    ],
+)
+def test_what_is_set_on_all_ways_is_admitted(body: str) -> None:
+    assert identity(defined(f"def f(x):\n    {body}\n"), ())
+
+
+@needs_numba
+@pytest.mark.parametrize(
+    ("body", "admitted"),
+    [
+        ("n = 1\n    for k in range(70): n = n * 3\n    return x * n", False),
+        ("n = 1\n    for k in range(70): n += n\n    return x * n", False),
+        ("n = 3037000500\n    return x * (n * n)", False),
+        ("n = 0\n    for k in range(3): n += 1\n    return x * n + len((x, x)) - 1", True),
+        ("n = 0\n    for k in range(3): n = n + x * k\n    return n", True),
+        ("n = 0\n    while n < 3: n += 1\n    return (x, 2.0, 3.0, x)[n]", True),
+    ],
+)
+def test_whole_numbers_that_may_be_large_are_not_compiled(body: str, admitted: bool) -> None:
+    plain = defined(f"def f(x):\n    {body}\n")
+    identity(plain, ())
+    if admitted:
+        assert outcome(translated(plain), 1.5) == outcome(plain, 1.5)
+    else:
+        with pytest.raises(RuntimeError, match="f adds or multiplies whole numbers, which may go beyond 64 bits"):
+            translated(plain)(1.5)
 
 
 def test_functions_of_functions_and_objects_are_not_admitted() -> None:
