@@ -104,8 +104,9 @@ def test_failures_are_those_of_plain_python(
         (partial(effects.doubled, 1), "its numbers contain a int (1), expected floats"),
         (partial(effects.squared, 1.0), "squared uses **, expected only +, -, * and / (write x * x for x ** 2)"),
         (partial(effects.whole, 1.0), "does not compile"),
+        (partial(effects.counted, 1.0), "counted adds or multiplies whole numbers, which may go beyond 64 bits"),
     ],
-    ids=["lambda", "whole number", "power", "refused by numba"],
+    ids=["lambda", "whole number", "power", "refused by numba", "large whole numbers"],
 )
 def test_what_does_not_compile_runs_in_plain_python_which_is_said_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, load: Any, reason: str

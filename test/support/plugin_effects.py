@@ -95,6 +95,13 @@ def squared(strength: float, point: Point) -> tuple[Vector, Vector]:
     return (strength * point.position[0] ** 3, 0.0, 0.0), ZERO
 
 
+def counted(strength: float, point: Point) -> tuple[Vector, Vector]:
+    large = 1
+    for _ in range(60):
+        large = large * 3
+    return (1e-25 * strength * large, 0.0, 0.0), ZERO
+
+
 def whole(strength: float, point: Point) -> tuple[Any, Vector]:
     """Numba refuses its whole numbers, which have no -0."""
     return (strength, 0, 0), ZERO
