@@ -65,7 +65,7 @@ from rb_dynamics.ros.settings import (
     require_paceable,
     scene_overrides,
 )
-from rb_dynamics.ros.start_arguments import shared_parameters
+from rb_dynamics.ros.start_arguments import shared_parameters, with_file
 from rb_dynamics.run.edge_schedule import FEWEST
 from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.run.simulation import Simulation
@@ -116,9 +116,12 @@ class RigidBodyNode(Node):
         super().__init__("rigid_body", cli_args=cli_args, **kwargs)
         try:
             self._start(elsewhere, cli_args or ())
-        except BaseException:
+        except BaseException as error:
+            name = self.get_name()
             # A node that cannot start must not stay in the graph, where others would send it commands.
             self.destroy_node()
+            if isinstance(error, SceneError):
+                raise SceneError(with_file(str(error), [*sys.argv, *(cli_args or ())], name)) from None
             raise
 
     def _start(self, elsewhere: Sequence[str], own_arguments: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -147,20 +148,37 @@ def shared_parameters(arguments: Sequence[str], node: str) -> set[str]:
 
     Files that cannot be read are left to rcl.
     """
-    shared, own = set[str](), set[str]()
+    return _given(arguments, node)[0]
+
+
+def with_file(message: str, arguments: Sequence[str], node: str) -> str:
+    """Return an error message, with the parameter file in `arguments` that gives `node` the parameter it is about."""
+    for name, path in _given(arguments, node)[1].items():
+        if re.search(rf"(?:^|[ :]){re.escape(name)}: ", message):
+            return f"{message}; {name} is set in {path}"
+    return message
+
+
+def _given(arguments: Sequence[str], node: str) -> tuple[set[str], dict[str, str]]:
+    """Return the parameters that files give to all nodes, and not to `node`, and the file of each that it gets."""
+    shared, own, files = set[str](), set[str](), dict[str, str]()
     for option, text in pairwise(arguments):
         if option in ("-p", "--param"):
-            own.add(text.partition(":=")[0].rpartition(":")[2])
+            name = text.partition(":=")[0].rpartition(":")[2]
+            own.add(name)
+            files.pop(name, None)
         elif option == "--params-file":
             with contextlib.suppress(OSError, yaml.YAMLError, UnicodeDecodeError):
                 content = yaml.safe_load(Path(text).read_text())
                 for names, parameters in _sections(content, ()):
-                    found = set(_dotted(parameters, ""))
-                    if names[-1].rpartition("/")[2] in ("*", "**"):
+                    found, last = set(_dotted(parameters, "")), names[-1].rpartition("/")[2]
+                    if last in ("*", "**"):
                         shared |= found
-                    elif names[-1].rpartition("/")[2] == node:
+                    elif last == node:
                         own |= found
-    return shared - own
+                    if last in ("*", "**", node):
+                        files |= dict.fromkeys(found, text)
+    return shared - own, files
 
 
 def _sections(content: object, names: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], object]]:

@@ -164,8 +164,12 @@ def test_parameters_for_all_nodes_of_a_bringup_are_warned_of_and_our_own_are_che
     assert "scan" not in said
     assert started(shared, command_line=False).runner.scene.body.mass == 4.0
     for own, more in (("{rigid_body: {ros__parameters: {lockstp: true}}}", ()), (shared, ("-p", "gains.p:=2.0"))):
-        with pytest.raises(SceneError, match=r"lockstp: found|gains.p: found"):
+        with pytest.raises(SceneError, match=r"lockstp: found|gains.p: found") as raised:
             started(own, *more)
+        assert str(raised.value).endswith("; lockstp is set in " + str(file)) == (not more)
+    for name, value in (("body.masss", 2.0), ("initial.angular_velocity_body", [1.0, 2.0]), ("duration", -1.0)):
+        with pytest.raises(SceneError, match=rf"{name}: found .*; {name} is set in .*bringup\.yaml$"):
+            started(f"/**: {{ros__parameters: {{{name}: {value}}}}}\n")
 
 
 def test_a_state_from_outside(scene: Path, peer: Peer) -> None:
