@@ -108,12 +108,22 @@ def is_held(c: Cells, i: int) -> bool:
     return found
 
 
-def switches(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> bool:
-    """Return whether wheel k no longer turns as it does now; `spin_up` is w' if a wheel is held (`spin_up_of`)."""
+def excess(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> float:
+    """Return how far wheel k is beyond where it turns as it does now: rad/s if it is free, N m if it is held.
+
+    `spin_up` is w' if a wheel is held (`spin_up_of`). The wheel switches where the value is positive.
+    """
     a, speed = _at(i, k), speed_of(c, i, s, k, omega)
+    below, above = c[a + LOW] - speed, speed - c[a + HIGH]
     if c[a + HELD] != FREE:
-        return _way_out(c, a, spin_up, speed) != 0.0
-    return not c[a + LOW] <= speed <= c[a + HIGH]
+        needed, least, most = _holding(c, a, spin_up, speed)
+        below, above = least - needed, needed - most
+    return below if below > above else above
+
+
+def switches(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> bool:
+    """Return whether wheel k no longer turns as it does now; see `excess`."""
+    return excess(c, i, s, k, spin_up, omega) > 0.0
 
 
 @compiled_apart
@@ -259,6 +269,12 @@ def _way_out(c: Cells, a: int, spin_up: Vector, speed: float) -> float:
     """Return which way a held wheel is released, if nothing can hold it: up (1), down (-1) or not at all (0)."""
     if c[a + HELD] == FREE:
         return 0.0
+    needed, least, most = _holding(c, a, spin_up, speed)
+    return -1.0 if needed > most else 1.0 if needed < least else 0.0
+
+
+def _holding(c: Cells, a: int, spin_up: Vector, speed: float) -> Vector:
+    """Return the torque that a held wheel needs, and the least and the largest torque that there can be."""
     needed = c[a + INERTIA] * dot((c[a + AXIS], c[a + AXIS + 1], c[a + AXIS + 2]), spin_up)
     point, command = c[a + POINT], c[a + COMMAND]
     least = most = command
@@ -275,7 +291,7 @@ def _way_out(c: Cells, a: int, spin_up: Vector, speed: float) -> float:
         least = -math.inf
     elif point == -c[a + MOST_SPEED]:
         most = math.inf
-    return -1.0 if needed > most else 1.0 if needed < least else 0.0
+    return needed, least, most
 
 
 def invert_inertia(c: Cells, i: int, moments: Vector) -> None:

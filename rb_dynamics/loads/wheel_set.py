@@ -28,6 +28,7 @@ from rb_dynamics.loads.wheel_numbers import (
     MOTOR,
     begin_wheel,
     command_wheel,
+    excess,
     inner_torque,
     invert_inertia,
     is_held,
@@ -37,7 +38,6 @@ from rb_dynamics.loads.wheel_numbers import (
     settle,
     spin_up_of,
     switch_wheels,
-    switches,
 )
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
@@ -130,12 +130,16 @@ class WheelSet:
         settle(c, 0, n, self._moments, outside, omega)
         self._now = c[:n]
 
-    def switching(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[int]:
-        """Return the wheels that no longer turn as they do now; `torque` as for `settle`."""
+    def excesses(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[float]:
+        """Return how far each wheel is beyond where it turns as it does now, see `excess`; `torque` as for `settle`."""
         c, n, spin_up = [*self._now, *states], len(self._now), ZERO
         if is_held(c, 0):
             spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega)
-        return [k for k in range(len(self.wheels)) if switches(c, 0, n, k, spin_up, omega)]
+        return [excess(c, 0, n, k, spin_up, omega) for k in range(len(self.wheels))]
+
+    def switching(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[int]:
+        """Return the wheels that no longer turn as they do now; `torque` as for `settle`."""
+        return [k for k, found in enumerate(self.excesses(torque, omega, states)) if found > 0.0]
 
     def switch(
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]

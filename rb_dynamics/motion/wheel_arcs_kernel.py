@@ -16,6 +16,7 @@ from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wheel_numbers import (
     command_wheel,
+    excess,
     is_held,
     may_stay,
     move_on,
@@ -26,7 +27,6 @@ from rb_dynamics.loads.wheel_numbers import (
     switches,
 )
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.auto_method import TRIALS
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
 from rb_dynamics.motion.method import Inertia
@@ -38,6 +38,7 @@ from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
+from rb_dynamics.numerics.sign_change import SignChange, narrowed, next_guess
 from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -55,27 +56,27 @@ if TYPE_CHECKING:
     # Room, see `_alone`, and the kernels of a step and of an embedded pair.
     _Trials = tuple[Numbers, Take, Take]
 
-# Numbers of the arc of a body: goal, what the next arc will know, what is learnt, and what will be after the next
-# stride; length (s) of a stride from the grid point whose results are there already, as after the next stride (0 for
-# none); then three phases with their states: at the grid point, after the next stride, and at the last time.
+# Numbers of the arc of a body: goal, what is learnt, and what will be after the next stride; length (s) of a stride
+# from the grid point whose results are there already, as after the next stride (0 for none); how far the wheels are
+# beyond where none switches, at either end of the search for a switch; then two phases with their states: at the grid
+# point and after the next stride. The body's other numbers have that at the last time, in which it stands.
 GOAL = 0
-CHOSEN = GOAL + len(Goal._fields)
-LEARNT = CHOSEN + len(Learnt._fields)
+LEARNT = GOAL + len(Goal._fields)
 FOLLOWING = LEARNT + len(Learnt._fields)
 TRIED = FOLLOWING + len(Learnt._fields)
-GRID_POINT = TRIED + 1
+BELOW, ABOVE = TRIED + 1, TRIED + 2
+GRID_POINT = TRIED + 3
 
 # And its whole numbers: start of the arc (ns), length of the way to the grid point, strides that led there, length of
 # the next one (0 if it has not been chosen) and whether the phase after it is known; length of all strides (0 if each
-# is chosen), strides after which one is chosen anew (0 for never); arcs behind, the start of the last one that counts;
-# end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times between which
-# it is, as far as it has been looked for (-1 for none), and whether a wheel may switch in it at all; the last time;
-# whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and of the next one if
-# the last two were equally long (0 if not); whether its present step is taken side by side; and whether strides were
-# chosen anew within the arc.
-START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH, CHOOSE_AFTER, ARCS, COUNTED = range(9)
-SEARCHED, SWITCH, LOW, HIGH, UNLIKE, TIME, BEGUN, LEFT_BEHIND, LAST, EXPECTED, BESIDE = range(9, 20)
-CHOSE_ANEW, WHOLE = 20, 21
+# is chosen); end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times
+# between which it is, as far as it has been looked for (-1 for none), and which of these moved last; whether a wheel
+# may switch in it at all; the last time; whether the first arc has begun, and whether the body is left behind; lengths
+# of the last arc, and of the next one if the last two were equally long (0 if not); whether its present step is taken
+# side by side; and whether the body stands at the grid point, whose phase is written only when it is needed.
+START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH = range(6)
+SEARCHED, SWITCH, LOW, HIGH, MOVED, UNLIKE, TIME, BEGUN, LEFT_BEHIND = range(6, 15)
+LAST, EXPECTED, BESIDE, AT_GRID_POINT, WHOLE = range(15, 20)
 
 # Bodies for which going side by side pays.
 _FEWEST = 2
@@ -118,27 +119,27 @@ def advance_all(
         pairs: kernel of that pair for several bodies; any other if there is none.
         together: whether there is one (0 or 1).
         spare: (groups, ...), the numbers of one body, with the weights of the tableau: room for `step` and `pair`.
-        results: (groups, ..., `LANES`), room for those of `pairs`.
+        results: (groups, ..., `LANES`), room for those of `pairs`; as of `spare`, that of the first group is used.
     """
+    trials, found = (spare[first // LANES], step, pair), results[first // LANES]
     for start in range(first, last, LANES):
         g, end, count, expected = start // LANES, min(last, start + LANES), 0, 0
-        trials = spare[g], step, pair
         for i in range(start, end):
             c, f, w = rows[g, :, i - start], arcs[g, :, i - start], whole[i]
             w[BESIDE] = 0
             if until_ns[i] < 0:
                 continue
-            if w[LEFT_BEHIND] == 0 and not _begin(c, f, w, commands[i], trials):
-                w[LEFT_BEHIND] = 1
+            if w[LEFT_BEHIND] == 0:
+                _begin(c, f, w, commands[i])
             if together != 0 and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
                 w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
         h = expected / NANOSECONDS
         if count >= _FEWEST:
-            pairs(rows[g], arcs[g], spare[g], results[g], GRID_POINT, h)
+            pairs(rows[g], trials[0], found, h)
         for i in range(start, end):
             if until_ns[i] < 0:
                 continue
-            c, f, w, r = rows[g, :, i - start], arcs[g, :, i - start], whole[i], results[g, :, i - start]
+            c, f, w, r = rows[g, :, i - start], arcs[g, :, i - start], whole[i], found[:, i - start]
             if w[BESIDE] != 0 and count >= _FEWEST:
                 if _is_whole_way(c, f, w, r, until_ns[i], h):
                     continue
@@ -147,24 +148,23 @@ def advance_all(
                 w[LEFT_BEHIND] = 1
 
 
-def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, trials: _Trials) -> bool:
-    """Give a body its commands, which begin an arc; return whether a stride can be chosen."""
+def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers) -> None:
+    """Give a body its commands, which begin an arc."""
     begins = w[BEGUN] == 0
     w[BEGUN] = 1
-    if begins:
-        _stand(c, f, _here(c))
     omega, (_, _, states) = phase_at(c, CONSTANTS).angular_velocity, layout(c)
     for k in range(len(commands)):
         if not math.isnan(commands[k]):
             if k < int(c[WHEELS]):
                 command_wheel(c, WHEELS, k, commands[k], speed_of(c, WHEELS, states, k, omega))
             begins = True
-    return not begins or _begin_arc(c, f, w, trials)
+    if begins:
+        _begin_arc(c, f, w)
 
 
 def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
     """Return whether the stride tried next is the first of an arc, and as long as the arc is expected to be."""
-    if w[EXPECTED] == 0 or w[LENGTH] != 0 or w[REACHED] != 0 or w[STRIDE] != 0 or w[LEFT_BEHIND] != 0:
+    if w[EXPECTED] == 0 or w[LENGTH] != 0 or w[AT_GRID_POINT] == 0 or w[REACHED] != 0 or w[LEFT_BEHIND] != 0:
         return False
     return f[LEARNT] == w[EXPECTED] / NANOSECONDS and is_attraction_or_none(c)
 
@@ -172,11 +172,11 @@ def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
 def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h: float) -> bool:
     """Stand at a time where the step of h s leads that was taken side by side, if that is all that happens until then.
 
-    Return whether it is: the step is accepted, and no wheel switches. If not, only where the body stands has changed.
+    Return whether it is: the step is accepted, and no wheel switches.
     """
-    if w[START] + w[EXPECTED] != until_ns or w[CHOOSE_AFTER] == 1 or round(h * NANOSECONDS) != w[EXPECTED]:
+    if w[START] + w[EXPECTED] != until_ns or round(h * NANOSECONDS) != w[EXPECTED]:
         return False
-    phase, after, other = phase_at(f, GRID_POINT), phase_at(r, 0), phase_at(r, _size(c))
+    phase, after, other = phase_at(c, CONSTANTS), phase_at(r, 0), phase_at(r, _size(c))
     goal, sight = _goal_and_sight(c, f, phase)
     attitude, position, farthest, noise = estimate(goal, f[LEARNT + 1], phase, after, other, h, 0.0)
     allowed, error = goal.share * goal.accuracy * h / goal.horizon, max(attitude, position)
@@ -185,11 +185,11 @@ def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h
     following = following_step(goal, allowed, error, h)
     if rounding(goal, phase, max(float(w[EXPECTED]), following * NANOSECONDS)) > goal.accuracy:
         return False
-    _stand(c, r, 0)
-    if _switching(c) or not _all_finite(c):
+    _write_states(c, r, PHASE)
+    if _beyond(c, after) > 0.0 or not _all_finite(c, after, r, PHASE):
+        _write_states(c, c, layout(c)[1])
         return False
-    _keep(c, f, GRID_POINT)
-    _keep(c, f, _here(c))
+    _stand(c, r, 0)
     f[LEARNT], f[LEARNT + 1] = following, farthest
     w[REACHED], w[STRIDES], w[TIME], w[SEARCHED], w[UNLIKE] = w[EXPECTED], 1, until_ns, until_ns, 0
     move_on(c, WHEELS)
@@ -227,69 +227,42 @@ def _advance(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -
     """Let a body go to a time, where it then stands; return whether it can."""
     good = True
     while good:
+        if w[AT_GRID_POINT] != 0:
+            _keep(c, f, GRID_POINT)
+            w[AT_GRID_POINT] = 0
         good = _search(c, f, w, until_ns, trials)
         switch = 0 <= w[SWITCH] <= until_ns
         time_ns = w[SWITCH] if switch else until_ns
-        good = good and _reach(c, f, w, time_ns, trials) and _all_finite(c)
+        good = good and _reach(c, f, w, time_ns, trials)
+        good = good and _all_finite(c, phase_at(c, CONSTANTS), c, layout(c)[1])
         if time_ns > w[TIME]:
             move_on(c, WHEELS)
         w[TIME] = time_ns
         if not switch:
             break
         if good:
-            _switch(c, f)
-            good = _begin_arc(c, f, w, trials)
+            _switch(c)
+            _begin_arc(c, f, w)
     return good
 
 
 @compiled_apart
-def _begin_arc(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
-    """Begin an arc at the last time, where the body stands; return whether a stride can be chosen."""
-    if w[STRIDES] == 0 or w[TIME] != w[START] + w[REACHED]:
-        _copy(f, _here(c), GRID_POINT, _size(c))
+def _begin_arc(c: Numbers, f: Numbers, w: Whole) -> None:
+    """Begin an arc at the last time, where the body stands."""
     if w[TIME] > w[START]:
         length = w[TIME] - w[START]
         w[EXPECTED] = length if length == w[LAST] else 0
         w[LAST] = length
-    if w[CHOSE_ANEW] != 0:
-        # What was learnt anew within an arc is for that arc alone, see `Plan`.
-        _copy(f, CHOSEN, LEARNT, 5)
-        w[CHOSE_ANEW] = 0
     w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
     w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
+    w[AT_GRID_POINT] = 1
     phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
     outside = _outside(c, phase) if may_stay(c, WHEELS) else ZERO
     settle(c, WHEELS, states, (c[1], c[2], c[3]), outside, phase.angular_velocity)
-    if w[START] > w[COUNTED]:
-        w[COUNTED] = w[START]
-        w[ARCS] += 1
-    if w[CHOOSE_AFTER] > 0 and w[ARCS] & (w[ARCS] - 1) == 0 and not _learn(c, f, w, trials):
-        return False
     # As `AccuracyControl.start` does.
     f[LEARNT + 4] = 0.0
     if w[EXPECTED] > 0:
         f[LEARNT] = min(f[LEARNT], w[EXPECTED] / NANOSECONDS)
-    return True
-
-
-@compiled_apart
-def _learn(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
-    """Learn the longest stride from the grid point on, as `auto` does; return whether there is one."""
-    if w[LENGTH] > 0:
-        return True
-    for k in range(LEARNT, GRID_POINT):
-        f[k] = 0.0
-    longest = 0.0
-    for _ in range(TRIALS):
-        if not _choose(c, f, w, trials):
-            return False
-        stride = w[STRIDE] / NANOSECONDS
-        _copy(f, FOLLOWING, LEARNT, 5)
-        w[STRIDE] = 0
-        if stride < 1.2 * longest:
-            break
-        longest = stride
-    return True
 
 
 @compiled_apart
@@ -352,32 +325,37 @@ def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, trials: _T
     w[UNLIKE] = 1
     if w[KNOWN] != 0:
         _stand(c, f, GRID_POINT + _size(c))
-        if not _switching(c):
+        if not _beyond(c, phase_at(c, CONSTANTS)) > 0.0:
             w[UNLIKE] = 0
             return True
     if last <= first:
         return True
+    _stand(c, f, GRID_POINT)
+    below = min(_beyond(c, phase_at(c, CONSTANTS)), 0.0)
     if not _reach(c, f, w, last, trials):
         return False
-    if _switching(c):
-        w[LOW], w[HIGH] = first, last
+    above = _beyond(c, phase_at(c, CONSTANTS))
+    if above > 0.0:
+        w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED] = first, last, below, above, 0
     return True
 
 
 def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -> bool:
     """Find the switch, or that it comes after a time; return whether the times of the search can be reached."""
     while w[HIGH] - w[LOW] > 1 and w[LOW] < until_ns:
-        middle = (w[LOW] + w[HIGH]) // 2
+        found = SignChange(w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED])
+        middle = next_guess(found)
         if not _reach(c, f, w, middle, trials):
             return False
-        w[HIGH if _switching(c) else LOW] = middle
+        found = narrowed(found, middle, _beyond(c, phase_at(c, CONSTANTS)))
+        w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED] = found
     if w[HIGH] - w[LOW] <= 1:
         w[SWITCH] = w[HIGH]
     return True
 
 
 def _take(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
-    """Take the next stride; return whether it, and a choice after it, can be made."""
+    """Take the next stride; return whether it can be taken."""
     _copy(f, FOLLOWING, LEARNT, 5)
     if w[KNOWN] == 0:
         _stand(c, f, GRID_POINT)
@@ -390,18 +368,12 @@ def _take(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     w[REACHED] += w[STRIDE]
     w[STRIDES] += 1
     w[STRIDE] = w[KNOWN] = 0
-    strides = w[STRIDES]
-    if w[CHOOSE_AFTER] > 0 and strides >= w[CHOOSE_AFTER] and strides & (strides - 1) == 0:
-        if w[CHOSE_ANEW] == 0:
-            _copy(f, LEARNT, CHOSEN, 5)
-            w[CHOSE_ANEW] = 1
-        return _learn(c, f, w, trials)
     return True
 
 
 @compiled_apart
 def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> bool:
-    """Stand at a time within the next stride, and keep that phase as the last; return whether it can be reached."""
+    """Stand at a time within the next stride; return whether it can be reached."""
     rest = time_ns - w[START] - w[REACHED]
     if rest > 0 and rest == w[STRIDE]:
         if not _take(c, f, w, trials):
@@ -411,24 +383,22 @@ def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> b
     if rest > 0:
         _copy(f, FOLLOWING, LEARNT, 5)
         _alone(c, trials[0], trials[1], rest / NANOSECONDS)
-    _keep(c, f, _here(c))
-    if rest > 0:
         # A step leaves the states of a stage.
-        _stand(c, f, _here(c))
+        _write_states(c, c, layout(c)[1])
     return is_finite(phase_at(c, CONSTANTS))
 
 
 @compiled_apart
-def _switching(c: Numbers) -> bool:
-    """Return whether a wheel no longer turns as it does, where the body stands."""
-    phase, (_, _, states), spin_up, found = phase_at(c, CONSTANTS), layout(c), _spin_up(c), False
+def _beyond(c: Numbers, phase: PhaseState) -> float:
+    """Return how far the wheels are beyond where none switches, in a phase with the states in `c`."""
+    (_, _, states), spin_up, found = layout(c), _spin_up(c, phase), -math.inf
     for k in range(int(c[WHEELS])):
-        found = found or switches(c, WHEELS, states, k, spin_up, phase.angular_velocity)
+        found = max(found, excess(c, WHEELS, states, k, spin_up, phase.angular_velocity))
     return found
 
 
-def _switch(c: Numbers, f: Numbers) -> None:
-    """Switch the wheels that no longer turn as they do, where the body stands, and keep what becomes of the phase."""
+def _switch(c: Numbers) -> None:
+    """Switch the wheels that no longer turn as they do, where the body stands."""
     phase, (m, sums, states), moments = phase_at(c, CONSTANTS), layout(c), (c[1], c[2], c[3])
     there = phase.orientation, phase.angular_velocity
     change = switch_wheels(c, WHEELS, states, moments, _outside(c, phase), *there)
@@ -436,16 +406,15 @@ def _switch(c: Numbers, f: Numbers) -> None:
         write_phase(c, CONSTANTS, spun(phase, moments, change))
         for k in range(m):
             c[sums + k], c[sums + m + k] = two_sum(c[sums + k], c[states + m + k], c[sums + m + k])
-        _keep(c, f, GRID_POINT)
-        _keep(c, f, _here(c))
+        _write_states(c, c, sums)
 
 
 @compiled_apart
-def _spin_up(c: Numbers) -> Vector:
-    """Return w' (principal axes) where the body stands, if a wheel is held."""
+def _spin_up(c: Numbers, phase: PhaseState) -> Vector:
+    """Return w' (principal axes) in a phase with the states in `c`, if a wheel is held."""
     if not is_held(c, WHEELS):
         return ZERO
-    phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
+    _, _, states = layout(c)
     return spin_up_of(c, WHEELS, states, (c[1], c[2], c[3]), _outside(c, phase), phase.angular_velocity)
 
 
@@ -465,22 +434,17 @@ def _point(c: Numbers, phase: PhaseState) -> Point:
     return Point(elapsed(phase), total(phase, POSITION), velocity, phase.orientation, phase.angular_velocity)
 
 
-def _all_finite(c: Numbers) -> bool:
-    """Return whether the phase where the body stands, its states and its energy are finite."""
-    phase, (m, sums, _) = phase_at(c, CONSTANTS), layout(c)
+def _all_finite(c: Numbers, phase: PhaseState, a: Numbers, at: int) -> bool:
+    """Return whether a phase, its states, which begin at `at` in `a`, and its energy are finite."""
     momentum, omega = total(phase, MOMENTUM), phase.angular_velocity
     found = dot(momentum, scale(1.0 / c[0], momentum)) + dot(omega, times((c[1], c[2], c[3]), omega))
-    for k in range(2 * m):
-        found += c[sums + k]
+    for k in range(2 * layout(c)[0]):
+        found += a[at + k]
     return math.isfinite(found)
 
 
 def _size(c: Numbers) -> int:
     return size_of(layout(c)[0])
-
-
-def _here(c: Numbers) -> int:
-    return GRID_POINT + 2 * _size(c)
 
 
 def _copy(f: Numbers, source: int, target: int, count: int) -> None:
@@ -491,13 +455,19 @@ def _copy(f: Numbers, source: int, target: int, count: int) -> None:
 @compiled_apart
 def _stand(c: Numbers, f: Numbers, at: int) -> None:
     """Stand in one of the phases of `f`."""
-    m, sums, states = layout(c)
+    m, sums, _ = layout(c)
     for k in range(PHASE):
         c[CONSTANTS + k] = f[at + k]
     for k in range(2 * m):
         c[sums + k] = f[at + PHASE + k]
+    _write_states(c, c, sums)
+
+
+def _write_states(c: Numbers, a: Numbers, at: int) -> None:
+    """Write the states whose sums begin at `at` in `a`."""
+    m, _, states = layout(c)
     for k in range(m):
-        c[states + k] = c[sums + k] + c[sums + m + k]
+        c[states + k] = a[at + k] + a[at + m + k]
 
 
 @compiled_apart

@@ -72,15 +72,13 @@ def _evaluated(
     return force, add(torque, inner)
 
 
-def pairs_on_numbers(rows: Numbers, arcs: Numbers, row: Numbers, results: Numbers, at: int, h: float) -> None:
+def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) -> None:
     """Take the pair of a step of h s for the bodies of a group.
 
     Args:
         rows: (..., `LANES`), of each body the numbers of `stateful_kernel.py`.
-        arcs: (..., `LANES`), the phases with their states.
         row: the weights, as in the numbers of a body.
         results: (..., `LANES`), for the phase at the end with its states, then the second result.
-        at: where in `arcs` the start of the step is.
         h: length of the step, s.
     """
     # Body and wrench, phase, second result, wheels with their states, and the effect.
@@ -89,9 +87,8 @@ def pairs_on_numbers(rows: Numbers, arcs: Numbers, row: Numbers, results: Number
     # Slopes and sums of them, row by row: the compiler only sees in an array of one axis that bodies lie side by side.
     k, t = block(1, _SLOPES), block(1, _SUMS)
     _read(c, 0, CONSTANTS, rows, 0)
-    _read(s, 0, PHASE, arcs, at)
-    _read(w, 0, _HIGH, rows, WHEELS)
-    _read(w, _HIGH, 2 * _M, arcs, at + PHASE)
+    _read(s, 0, PHASE, rows, CONSTANTS)
+    _read(w, 0, _HIGH + 2 * _M, rows, WHEELS)
     _read(e, 0, _EFFECT, rows, len(rows) - 1 - WIDTH)
     acts = rows[len(rows) - 1, 0] != 0.0
     for stage in range(MOST_STAGES):
@@ -297,4 +294,4 @@ def pairs_of(wheels: int) -> OnDemand | None:
     return OnDemand("dop853", found, SIGNATURE, steps=2.0 * LANES)
 
 
-SIGNATURE = "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], int64, float64)"
+SIGNATURE = "void(float64[:, ::1], float64[::1], float64[:, ::1], float64)"

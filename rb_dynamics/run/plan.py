@@ -79,7 +79,9 @@ class Plan:
         )
         self._scales = LoadScales(slowing, sight, strength)
         self.takes = scene.combined_effects.takes
-        self._method = None if scene.solver.method == "auto" else METHODS[scene.solver.method]
+        # A choice of one needs no trials.
+        names = CANDIDATES[self.takes] if scene.solver.method == "auto" else (scene.solver.method,)
+        self._method = METHODS[names[0]] if len(names) == 1 else None
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
@@ -92,7 +94,8 @@ class Plan:
         self._length_ns = self._expected_ns = 0
         if self._method is not None:
             self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
-            self.description = f"{self.name}, {self._steps(self._method)}"
+            which = self.name if self.name == self._method.name else f"{self.name}: {self._method.name}"
+            self.description = f"{which}, {self._steps(self._method)}"
         elif not scene.channels and _turns_nothing(scene):
             self.description = "auto: exact, as nothing turns the body"
         else:

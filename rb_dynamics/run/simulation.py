@@ -56,6 +56,7 @@ from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.sign_change import SignChange, narrowed, next_guess
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
 from rb_dynamics.run.event_arrays import EventArrays
@@ -748,6 +749,10 @@ class Simulation:
     def _switching(self, wheels: WheelSet, phase: PhaseState) -> list[int]:
         return wheels.switching(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
+    def _beyond(self, wheels: WheelSet, phase: PhaseState) -> float:
+        """Return how far the wheels are beyond where none switches; positive if one does."""
+        return max(wheels.excesses(lambda: self._torque(phase), phase.angular_velocity, phase.inner))
+
     def _switch(self, phase: PhaseState) -> None:
         """Switch the wheels that have reached a switching time, from here on."""
         if self._wheels is not None:
@@ -774,15 +779,14 @@ class Simulation:
             self._searched_ns = end_ns
             # The phase at the end of a stride is known if the stride was taken to choose it.
             state = self._arc.state
-            self._unlike = state.stride == 0 or bool(self._switching(wheels, state.after))
-            if self._unlike and last > first and self._switching(wheels, self._arc.at(last)):
-                while last - first > 1:
-                    middle = (first + last) // 2
-                    if self._switching(wheels, self._arc.at(middle)):
-                        last = middle
-                    else:
-                        first = middle
-                self._switch_ns = last
+            self._unlike = state.stride == 0 or self._beyond(wheels, state.after) > 0.0
+            above = self._beyond(wheels, self._arc.at(last)) if self._unlike and last > first else 0.0
+            if above > 0.0:
+                found = SignChange(first, last, min(self._beyond(wheels, state.phase), 0.0), above)
+                while found.last - found.first > 1:
+                    middle = next_guess(found)
+                    found = narrowed(found, middle, self._beyond(wheels, self._arc.at(middle)))
+                self._switch_ns = found.last
         return self._switch_ns if self._switch_ns is not None and self._switch_ns <= until_ns else None
 
     def _measure(self) -> None:

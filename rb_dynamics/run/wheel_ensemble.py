@@ -26,14 +26,13 @@ from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import each_part, parts_of
 from rb_dynamics.motion.dop853 import DOP853
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.motion.kernel_layout import PHASE, phase_of
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, phase_numbers, phase_of
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
-from rb_dynamics.motion.stateful_kernel import StatefulKernels, StatefulSteps, stateful_kernels
+from rb_dynamics.motion.phase_state import SUMS, PhaseState, in_principal_axes, inertia_of
+from rb_dynamics.motion.stateful_kernel import StatefulKernels, StatefulSteps, layout, stateful_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.motion.wheel_arcs_kernel import (
     ADVANCE_ALL,
-    CHOOSE_AFTER,
     GRID_POINT,
     LEFT_BEHIND,
     LENGTH,
@@ -165,7 +164,8 @@ class WheelEnsemble:
         rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
         self._rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
         self._whole = np.array(whole, dtype=np.int64)
-        groups, size = len(self._rows), (self._arcs.shape[1] - GRID_POINT) // 3
+        self._states, self._sums, _ = layout(rows[0])
+        groups, size = len(self._rows), size_of(self._states)
         spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
         self._handed = (step, pair, together or step, 0 if together is None else 1, spare, results)
         self._begin = self.phases
@@ -179,10 +179,11 @@ class WheelEnsemble:
         """(N, `PHASE` + ...), a copy of the present phases, with the sums of the wheels' states and their rounding."""
         import numpy as np
 
-        size = (self._arcs.shape[1] - GRID_POINT) // 3
         # Each number of all bodies in a row: so they are read.
-        columns = np.array(self._arcs[:, GRID_POINT + 2 * size :].transpose(1, 0, 2), order="C")
-        return columns.reshape(size, -1)[:, : len(self)].T
+        columns = np.empty((size_of(self._states), len(self._rows), LANES))
+        for at, begin, count in ((0, CONSTANTS, PHASE), (PHASE, self._sums, 2 * self._states)):
+            columns[at : at + count] = self._rows[:, begin : begin + count].transpose(1, 0, 2)
+        return columns.reshape(len(columns), -1)[:, : len(self)].T
 
     @property
     def left_behind(self) -> npt.NDArray[np.bool_]:
@@ -401,14 +402,15 @@ def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[fl
         # Room for a dipole.
         effects = *(0.0,) * WIDTH, *effects
     steps = StatefulSteps(kernels, inertia, held, wheels.now, effects)
-    numbers = [*phase.orientation, *phase.angular_velocity, *phase.high[:14], *phase.low[:14]]
-    numbers += [*phase.high[14:], *phase.low[14:]]
-    arc, whole = [0.0] * (GRID_POINT + 2 * size_of(len(phase.inner))) + numbers, [0] * WHOLE
+    numbers = np.array(np.frombuffer(steps.numbers))
+    numbers[CONSTANTS : CONSTANTS + PHASE] = phase_numbers(phase._replace(high=phase.high[:SUMS], low=phase.low[:SUMS]))
+    count, sums, states = layout(numbers)
+    numbers[sums : states + count] = *phase.high[SUMS:], *phase.low[SUMS:], *phase.inner
+    arc, whole = [0.0] * (GRID_POINT + 2 * size_of(count)), [0] * WHOLE
     method = _method(scene)
     control = None if method is None else Plan(scene).control_of(method)
     if isinstance(control, FixedStep):
         whole[LENGTH] = control.length
     elif isinstance(control, AccuracyControl):
         arc[: len(control.goal)] = map(float, control.goal)
-    whole[CHOOSE_AFTER] = 64 if scene.solver.method == "auto" else 0
-    return np.frombuffer(steps.numbers), arc, whole
+    return numbers, arc, whole

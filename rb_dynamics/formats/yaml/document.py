@@ -104,6 +104,8 @@ def plain(node: Node) -> object:
 
 def from_python(value: object) -> Node:
     """Return `value` (scalar, sequence, mapping or array) as a node of an override."""
+    if type(value) is float:
+        return Node(value, text=repr(value))
     tolist = getattr(value, "tolist", None)  # numpy and array.array, without importing either
     if callable(tolist):
         value = tolist()
