@@ -48,6 +48,7 @@ class _Sensor:
     Attributes:
         newest: the last readings that have arrived, (N, `READING`), see `many_readings.py`; NaN before the first.
         taken_s: when they were taken, (N,).
+        may_be_silent: whether its target may be out of its view, (N,).
     """
 
     def __init__(self, scenes: Sequence[Scene], number: int) -> None:
@@ -55,6 +56,7 @@ class _Sensor:
 
         sensors = [scene.sensors[number] for scene in scenes]
         self._times, self.delay_ns = SampleTimes(sensors[0].rate), nanoseconds(sensors[0].delay)
+        self.may_be_silent = np.array([sensor.may_be_silent for sensor in sensors])
         each = zip(sensors, scenes, strict=True)
         self._numbers = np.array([numbers_of(s, scene.frames, source_numbers(scene.effects)) for s, scene in each])
         words = [words_of(sensor, scene.seed) for sensor, scene in zip(sensors, scenes, strict=True)]
@@ -72,7 +74,7 @@ class _Sensor:
         """Take the next sample."""
         import numpy as np
 
-        found = np.full_like(self.newest, math.nan)
+        found = np.empty_like(self.newest)
         kernel(self._sample, truth, self._numbers, self._words, found)
         self._sample += 1
         return found
@@ -136,8 +138,8 @@ class ManyMeasurements:
             self.sensors[number].receive(found, taken_ns)
 
     def silent(self) -> npt.NDArray[np.bool_]:
-        """Return which sensors of which bodies have sent no message so far, (N, sensors)."""
+        """Return which sensors of which bodies have sent no message so far, (N, sensors), as they should have."""
         import numpy as np
 
-        found: npt.NDArray[np.bool_] = np.isnan(np.stack([sensor.taken_s for sensor in self.sensors], axis=1))
-        return found
+        found = [np.isnan(sensor.taken_s) & ~sensor.may_be_silent for sensor in self.sensors]
+        return np.stack(found, axis=1)

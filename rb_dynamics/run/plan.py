@@ -80,8 +80,8 @@ class Plan:
         self._scales = LoadScales(slowing, sight, strength)
         self.takes = scene.combined_effects.takes
         # A choice of one needs no trials.
-        names = CANDIDATES[self.takes] if scene.solver.method == "auto" else (scene.solver.method,)
-        self._method = METHODS[names[0]] if len(names) == 1 else None
+        candidates = CANDIDATES[self.takes] if scene.solver.method == "auto" else (scene.solver.method,)
+        self._method = METHODS[candidates[0]] if len(candidates) == 1 else None
         if self._method is not None and self._method.takes < self.takes:
             raise SceneError(cannot_take(scene, self._method, self.takes))
         self.name = scene.solver.method
@@ -99,7 +99,7 @@ class Plan:
         elif not scene.channels and _turns_nothing(scene):
             self.description = "auto: exact, as nothing turns the body"
         else:
-            names = ", ".join(CANDIDATES[self.takes])
+            names = ", ".join(candidates)
             closed = "exact where the motion has a closed form; elsewhere " if self.takes == LoadDependence.HELD else ""
             self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 

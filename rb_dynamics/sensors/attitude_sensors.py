@@ -36,6 +36,13 @@ def moved(position: Vector, size: float, key: Key, lane: int, sample: int) -> Ve
     return add_scaled(position, size, (a, b, c))
 
 
+def seen(direction: Vector, size: float, key: Key, lane: int, sample: int) -> Vector:
+    """Return a unit vector with random errors of standard deviation `size` (rad) about the axes across it."""
+    a, b, c, _ = normal_numbers(key, sample, lane)
+    found = add(direction, cross(scale(size, (a, b, c)), direction))
+    return scale(1.0 / norm(found), found)
+
+
 @dataclass(frozen=True, kw_only=True)
 class StarTracker(Sensor):
     """The rotation from its frame to the world.
@@ -162,17 +169,18 @@ class SunSensor(Sensor):
         direction = entry.direction("direction_world", "write where the sun is, such as [1, 0, 0]")
         return cls(**cls._common(entry), direction_world=direction)
 
+    @property
+    def numbers(self) -> tuple[Vector, float]:
+        """The unit vector towards the sun, and the least x of its direction in the frame at which it is in view."""
+        least = math.cos(self.field_of_view) if self.field_of_view < math.pi else -math.inf
+        return scale(1.0 / norm(self.direction_world), self.direction_world), least
+
     def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
         """Begin to measure."""
-        direction = scale(1.0 / norm(self.direction_world), self.direction_world)
-        least = math.cos(self.field_of_view) if self.field_of_view < math.pi else -math.inf
+        direction, least = self.numbers
 
         def read(sample: int, truth: Truth) -> tuple[float, ...] | None:
             true = rotate_inverse(multiply(truth.orientation_xyzw, place.orientation_xyzw), direction)
-            if true[0] < least:
-                return None
-            off = cross(scale(self.noise, random.normal(sample, 0)[:3]), true)
-            seen = add(true, off)
-            return scale(1.0 / norm(seen), seen)
+            return None if true[0] < least else seen(true, self.noise, random.key, 0, sample)
 
         return read

@@ -1,6 +1,6 @@
 """Readings of one sensor on many bodies at one time, in one compiled call, with the bits of the readings of each alone.
 
-For inertial measurement units (their gyros), magnetometers, star trackers and motion capture.
+For inertial measurement units (their gyros), magnetometers, star trackers, motion capture and sun sensors.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics.compilation import lane
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add
-from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, moved, turned
+from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, SunSensor, moved, seen, turned
 from rb_dynamics.sensors.axis_errors import AxisNumbers, measured
 from rb_dynamics.sensors.imu import Imu
 from rb_dynamics.sensors.magnetometer import Magnetometer
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 # Numbers of a sensor: kind, dropout and place on the body, then those of its kind; for gyros and magnetometers the bias
 # at the next sample comes first, and the source of the field last.
-_GYRO, _TRACKER, _POSE, _FIELD = 1.0, 2.0, 3.0, 4.0
+_GYRO, _TRACKER, _POSE, _FIELD, _SUN = 1.0, 2.0, 3.0, 4.0, 5.0
 _DROPOUT, _POSITION, _AXES, _OWN, _SOURCE, _NUMBERS = 1, 2, 5, 9, 23, 33
 
 LOST, VALUE, IN_BODY, READING = 0, 1, 8, 12
-"""In a reading: whether it is lost; position, if it measures that, and behind it angular velocity, field or attitude,
-in the frames of the message; and angular velocity or attitude of the body, in its axes."""
+"""In a reading: whether there is none; position, if it measures that, and behind it angular velocity, field, direction
+or attitude, in the frames of the message; and angular velocity or attitude of the body, in its axes."""
 
 
 def numbers_of(sensor: Sensor, frames: WrenchFrames, source: Sequence[float] | None) -> tuple[float, ...] | None:
@@ -58,6 +58,9 @@ def numbers_of(sensor: Sensor, frames: WrenchFrames, source: Sequence[float] | N
         found = (_TRACKER, *before, sensor.noise)
     elif kind is PoseSensor and isinstance(sensor, PoseSensor):
         found = (_POSE, *before, sensor.position_noise, sensor.orientation_noise)
+    elif kind is SunSensor and isinstance(sensor, SunSensor):
+        direction, least = sensor.numbers
+        found = (_SUN, *before, *direction, least, sensor.noise)
     else:
         return None
     return (*found, *(0.0,) * (_NUMBERS - len(found)))
@@ -76,6 +79,8 @@ def parts_of(sensor: Sensor) -> dict[str, slice]:
         return {"magnetic_field": slice(VALUE, VALUE + 3)}
     if isinstance(sensor, PoseSensor):
         return {"position_world": slice(VALUE, VALUE + 3), "orientation_xyzw": slice(VALUE + 3, VALUE + 7)}
+    if isinstance(sensor, SunSensor):
+        return {"direction": slice(VALUE, VALUE + 3)}
     return {"orientation_xyzw": slice(VALUE, VALUE + 4)}
 
 
@@ -95,7 +100,7 @@ def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found:
         orientation: Quaternion = (t[3], t[4], t[5], t[6])
         place: Vector = (n[_POSITION], n[_POSITION + 1], n[_POSITION + 2])
         axes: Quaternion = (n[_AXES], n[_AXES + 1], n[_AXES + 2], n[_AXES + 3])
-        sensed, k, at = multiply(orientation, axes), _OWN, VALUE
+        sensed, k, at, hidden = multiply(orientation, axes), _OWN, VALUE, False
         if n[0] == _GYRO or n[0] == _FIELD:
             turn: Quaternion = (n[k + 3], n[k + 4], n[k + 5], n[k + 6])
             errors = AxisNumbers(turn, (n[k + 7], n[k + 8], n[k + 9]), n[k + 10], n[k + 11], n[k + 12], n[k + 13])
@@ -107,6 +112,10 @@ def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found:
             n[k], n[k + 1], n[k + 2] = bias
             r[at], r[at + 1], r[at + 2] = value
             r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2] = rotate(axes, value)
+        elif n[0] == _SUN:
+            true = rotate_inverse(sensed, (n[k], n[k + 1], n[k + 2]))
+            hidden = true[0] < n[k + 3]
+            r[at], r[at + 1], r[at + 2] = seen(true, n[k + 4], key, 0, sample)
         else:
             if n[0] == _POSE:
                 there = add((t[0], t[1], t[2]), rotate(orientation, place))
@@ -119,4 +128,4 @@ def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found:
             back = multiply(sensed, conjugate(axes))
             r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2], r[IN_BODY + 3] = back
         lost = n[_DROPOUT] > 0.0 and uniform_numbers(of_losses, sample, 0)[0] < n[_DROPOUT]
-        r[LOST] = 1.0 if lost else 0.0
+        r[LOST] = 1.0 if lost or hidden else 0.0

@@ -176,10 +176,42 @@ def test_bodies_that_are_at_a_time_do_not_go_there(monkeypatch: pytest.MonkeyPat
     assert len(gone) == 1
 
 
-def test_arcs_in_which_strides_are_chosen_anew_have_the_bits_of_themselves_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """What is learnt within an arc is not known to the next one: only every 2^n-th of them chooses anew."""
+def test_auto_is_its_only_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It took up to twelve pairs for a choice of one, after 1, 2, 4, 8 ... arcs."""
+    taken: list[int] = []
+    pair = Stepper.pair
+    monkeypatch.setattr(Stepper, "pair", lambda s, phase, h: (taken.append(1), pair(s, phase, h))[1])
+    times, counts = [250_000_000 * k for k in range(1, 33)], []
+    for name in ("auto", "dop853"):
+        scene, before = replace(satellite(1, SOLVERS["auto"], "torque"), duration=9.0), len(taken)
+        scene = replace(scene, solver=Solver(name, accuracy=1e-7))
+        counts.append((alone(scene, times, [[1e-4, -1e-4, 0.0]] * len(times)), len(taken) - before))
+    assert counts[0] == counts[1]
+
+
+def test_a_switch_is_found_in_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bisection took thirty; each wheel that stops is one nanosecond past rest."""
+    taken: list[float] = []
+    step = Stepper.__call__
+    monkeypatch.setattr(Stepper, "__call__", lambda s, phase, h: (taken.append(h), step(s, phase, h))[1])
+    scene = satellite(1, SOLVERS["auto"], "torque")
+    wheels = [replace(wheel, speed=2.0 + k, coulomb=3e-4) for k, wheel in enumerate(scene.wheels)]
+    run, stopped = Simulation(without_outputs(replace(scene, actuators=tuple(wheels)))), 0
+    switch = Simulation._switch
+
+    def switched(run: Simulation, phase: PhaseState) -> None:
+        nonlocal stopped
+        stopped += 1
+        switch(run, phase)
+
+    monkeypatch.setattr(Simulation, "_switch", switched)
+    run.start()
+    run.advance(20 * NANOSECONDS)
+    assert stopped > 2
+    assert len(taken) < 13 * stopped
+
+
+def test_arcs_of_many_strides_have_the_bits_of_themselves_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = [replace(satellite(number, SOLVERS["auto"], "torque"), effects=(), duration=40.0) for number in range(3)]
     fast = [replace(scene.initial, angular_velocity_body=(15.0, -10.0, 5.0 + i)) for i, scene in enumerate(scenes)]

@@ -6,7 +6,7 @@ out when a law asks for it: the runs are then repeated alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -55,16 +55,17 @@ def at_hand(scene: Scene) -> bool:
     return all(found)
 
 
-class _Speeds(Mapping[str, "Numbers"]):
-    """Speeds of wheels by name, each computed if a law asks for it."""
+class _OnRequest(Mapping[str, "Numbers"]):
+    """Arrays by name, each made if a law asks for it; the law may overwrite it."""
 
-    def __init__(self, names: Mapping[str, int], samples: Samples) -> None:
-        self._names, self._samples, self._found = names, samples, dict[str, "Numbers"]()
+    def __init__(self, names: Iterable[str], make: Callable[[str], Numbers]) -> None:
+        self._names, self._make, self._found = tuple(names), make, dict[str, "Numbers"]()
 
     def __getitem__(self, name: str) -> Numbers:
+        if name not in self._names:
+            raise KeyError(name)
         if name not in self._found:
-            # The law may overwrite it.
-            self._found[name] = self._samples.wheel_speeds[:, self._names[name]].copy()
+            self._found[name] = self._make(name)
         return self._found[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -72,22 +73,6 @@ class _Speeds(Mapping[str, "Numbers"]):
 
     def __len__(self) -> int:
         return len(self._names)
-
-
-class _Values(Mapping[str, "Numbers"]):
-    """What a sensor measures, of which some is not there side by side."""
-
-    def __init__(self, values: Mapping[str, Numbers], missing: Sequence[str], ask: Callable[[], Numbers]) -> None:
-        self._values, self._missing, self._ask = values, missing, ask
-
-    def __getitem__(self, name: str) -> Numbers:
-        return self._ask() if name in self._missing else self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter((*self._values, *self._missing))
-
-    def __len__(self) -> int:
-        return len(self._values) + len(self._missing)
 
 
 class WithWheels:
@@ -146,7 +131,8 @@ class WithWheels:
             effects = zip(self._effects, samples.position_world.tolist(), strict=True)
             return np.array([each.magnetic_field(time_s)((x, y, z)) for each, (x, y, z) in effects])
 
-        found = OnboardValues({}, _Speeds(self._wheels, samples), field if self._effects[0].magnetic else None)
+        speeds = _OnRequest(self._wheels, lambda name: samples.wheel_speeds[:, self._wheels[name]].copy())
+        found = OnboardValues({}, speeds, field if self._effects[0].magnetic else None)
         if self._sensing is None:
             return found
         self._sensing.deliver(self._ensemble.time_ns)
@@ -159,10 +145,13 @@ class WithWheels:
 
     def _readings(self, sensing: ManyMeasurements) -> Iterator[tuple[str, SensorReading]]:
         for sensor, now in zip(self._scene.sensors, sensing.sensors, strict=True):
-            values = {name: now.newest[:, part].copy() for name, part in parts_of(sensor).items()}
-            missing = [name for name in sensor.values if name not in values]
-            known = _Values(values, missing, self._ask) if missing else values
-            yield sensor.name, SensorReading(sensor.name, now.taken_s.copy(), known)
+
+            def value(
+                name: str, newest: Numbers = now.newest, parts: Mapping[str, slice] = parts_of(sensor)
+            ) -> Numbers:
+                return newest[:, parts[name]].copy() if name in parts else self._ask()
+
+            yield sensor.name, SensorReading(sensor.name, now.taken_s.copy(), _OnRequest(sensor.values, value))
 
     def _ask(self) -> Numbers:
         import numpy as np

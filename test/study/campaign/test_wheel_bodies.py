@@ -194,6 +194,27 @@ sensors:
     assert (rows["final_rate"] != still["final_rate"]).all()
 
 
+def test_sun_sensors_go_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law is called before the sun comes into view, which it does at other times in each run, and never in some."""
+    apart = alone_in(monkeypatch)
+    sun = "  - {type: sun_sensor, name: sun, frame: skew, rate: 4.0, direction_world: [1, 0, 1], noise: 1.0e-3, VIEW}\n"
+    scene = SATELLITE.replace("sensors:\n", "sensors:\n" + sun).replace("dropout: 0.2", "dropout: 0")
+    scene = scene.replace("[0.01, -0.02, 0.015]", "[0.01, -0.3, 0.015]")
+    body = """
+        seen = measured.sensors["sun"].direction[:, 2]
+        found["x"] = np.where(np.isnan(seen), 0.0, 1.0e-4 * seen)
+"""
+    (tmp_path / "own.py").write_text(LAW.replace("        BODY\n", body), encoding="utf-8")
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    text = text.replace("{normal: {deviation: 0.01}}", "{normal: {deviation: 0.1}}")
+    rates = []
+    for view in ("field_of_view: 0.9", "field_of_view: 1.0e-6"):
+        rows = require_rows_of_runs_alone(read_campaign(write(tmp_path, text, scene.replace("VIEW", view))), 6)
+        rates.append(rows["final_rate"])
+    assert len(apart) < 4
+    assert 0 < (rates[0] != rates[1]).sum() < 6
+
+
 def test_a_law_that_fails_for_one_run_fails_that_run(tmp_path: Path) -> None:
     body = "if (rate[:, 0] > 0.01).any() and calls > 8:\n            raise ValueError('too fast')"
     (tmp_path / "own.py").write_text(LAW.replace("BODY", body), encoding="utf-8")
