@@ -13,8 +13,9 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
     alone, in turn.
 `spacecraft`: COUNT runs (default 400) of config/campaigns/spacecraft.yaml, as `accuracy`.
-`satellite`: COUNT runs (default 200) of 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and
-    star tracker at 2 Hz, attitude_pd, gravity gradient; Basilisk as for `peer`, with steps of 0.1 s.
+`satellite`: 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and star tracker at 2 Hz,
+    attitude_pd, gravity gradient; blocks of 200 and of 2000 runs, as in large campaigns. COUNT runs (default 100) in
+    Basilisk, as for `peer`, with steps of 0.1 s.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -302,15 +303,18 @@ def beside(runs: int, python: str) -> None:
 
 def satellite(runs: int, python: str) -> None:
     from rb_dynamics.study.campaign.block_of_runs import simulate_block
+    from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
     from rb_dynamics.study.campaign.read import read_campaign
 
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "scene.yaml").write_text(SATELLITE)
-        text = SATELLITES.format(end=END, runs=max(runs, 2), stiffness=STIFFNESS, damping=DAMPING)
+        text = SATELLITES.format(end=END, runs=SIDE_BY_SIDE, stiffness=STIFFNESS, damping=DAMPING)
         Path(folder, "campaign.yaml").write_text(text)
         found = read_campaign(Path(folder, "campaign.yaml"))
         rows = simulate_block(found, 0, runs, 1)
-        ours = seconds(lambda: simulate_block(found, 0, runs, 1)) / runs
+        times = {
+            size: seconds(lambda size=size: simulate_block(found, 0, size, 1)) / size for size in (200, SIDE_BY_SIDE)
+        }
     tasks = {"spins": [rows[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
     tasks["inertias"] = _inertias(found, runs)
     answer = subprocess.run(
@@ -318,10 +322,10 @@ def satellite(runs: int, python: str) -> None:
     )
     peer = json.loads(answer.stdout.splitlines()[-1])
     theirs = min(peer["times"])
+    print(f"Basilisk                       {theirs * 1e3:9.3f} ms a run ({peer['version']})")
+    for size, ours in times.items():
+        print(f"rb_dynamics, blocks of {size:5d}   {ours * 1e3:9.3f} ms a run, ratio {theirs / ours:6.1f}")
     rates = {"rb_dynamics": rows["final_rate"].tolist(), "Basilisk": peer["final_rates"]}
-    print(f"rb_dynamics  {ours * 1e3:9.3f} ms a run")
-    print(f"Basilisk     {theirs * 1e3:9.3f} ms a run ({peer['version']})")
-    print(f"ratio        {theirs / ours:9.3f}")
     for name, final in rates.items():
         print(f"{name:<12} median of the final rates {sorted(final)[runs // 2]:.2e} rad/s (other noise)")
 
@@ -558,7 +562,7 @@ def main() -> None:
     elif args.what == "spacecraft":
         by_accuracy(SPACECRAFT, args.count or 400)
     elif args.what == "satellite":
-        satellite(args.count or 200, args.basilisk)
+        satellite(args.count or 100, args.basilisk)
     elif args.what == "memory":
         memory()
     else:

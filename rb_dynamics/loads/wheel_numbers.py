@@ -109,15 +109,16 @@ def is_held(c: Cells, i: int) -> bool:
 
 
 def excess(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> float:
-    """Return how far wheel k is beyond where it turns as it does now: rad/s if it is free, N m if it is held.
+    """Return how far wheel k is beyond where it turns as it does now: rad/s if it is free, rad/s^2 if it is held.
 
-    `spin_up` is w' if a wheel is held (`spin_up_of`). The wheel switches where the value is positive.
+    The two are of one size, as a search for a switch looks at the largest of all wheels. `spin_up` is w' if a wheel is
+    held (`spin_up_of`). The wheel switches where the value is positive.
     """
     a, speed = _at(i, k), speed_of(c, i, s, k, omega)
     below, above = c[a + LOW] - speed, speed - c[a + HIGH]
     if c[a + HELD] != FREE:
         needed, least, most = _holding(c, a, spin_up, speed)
-        below, above = least - needed, needed - most
+        below, above = (least - needed) / c[a + INERTIA], (needed - most) / c[a + INERTIA]
     return below if below > above else above
 
 

@@ -2,7 +2,7 @@
 
 A wheel is free, or it is held at a constant speed relative to the body: at rest by friction, or at its largest or its
 commanded speed by the drive. A wheel changes between the two only at certain times, between which the motion is smooth;
-the engine finds these times (`switching`) and ends a step there.
+the engine finds these times (`excess`) and ends a step there.
 
 The states of a run are one momentum about its axis for each wheel, H = J (W + a . w), then the work of the motors and
 the heat of friction (J), and what the inner torque adds to the work (J) and the impulse (N m s, world axes). Behind
@@ -130,21 +130,17 @@ class WheelSet:
         settle(c, 0, n, self._moments, outside, omega)
         self._now = c[:n]
 
-    def excesses(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[float]:
-        """Return how far each wheel is beyond where it turns as it does now, see `excess`; `torque` as for `settle`."""
+    def excess(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> float:
+        """Return how far the wheels are beyond where none switches; positive if one does; `torque` as for `settle`."""
         c, n, spin_up = [*self._now, *states], len(self._now), ZERO
         if is_held(c, 0):
             spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega)
-        return [excess(c, 0, n, k, spin_up, omega) for k in range(len(self.wheels))]
-
-    def switching(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> list[int]:
-        """Return the wheels that no longer turn as they do now; `torque` as for `settle`."""
-        return [k for k, found in enumerate(self.excesses(torque, omega, states)) if found > 0.0]
+        return max(excess(c, 0, n, k, spin_up, omega) for k in range(len(self.wheels)))
 
     def switch(
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]
     ) -> tuple[Vector, tuple[float, ...]]:
-        """Put free wheels from `switching` to the point that they have just passed; see `switch_wheels`.
+        """Put free wheels to the point that they have just passed; see `switch_wheels`.
 
         Return by how much that changes the angular velocity (principal axes) and the states.
         """

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase_state import PhaseState, Sums
+from rb_dynamics.motion.phase_state import PhaseState, Sums, of_origin
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector
+from rb_dynamics.numerics.vector import ZERO, Vector
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
@@ -119,3 +119,25 @@ def _sums(s: Numbers, r: int, i: int) -> Sums:
 def _write_sums(s: Numbers, r: int, i: int, a: Sums) -> None:
     s[r, i], s[r + 1, i], s[r + 2, i], s[r + 3, i], s[r + 4, i], s[r + 5, i], s[r + 6, i] = a[:7]
     s[r + 7, i], s[r + 8, i], s[r + 9, i], s[r + 10, i], s[r + 11, i], s[r + 12, i], s[r + 13, i] = a[7:]
+
+
+def find_truths(rows: Numbers, bodies: Numbers, truth: Numbers) -> None:
+    """Write position, attitude and angular velocity of bodies, as in `Truth`.
+
+    Args:
+        rows: (groups, ..., lanes), of body i the numbers of lane i % lanes in group i // lanes: constants, then phase.
+        bodies: (7, N), of each the centre of mass, and the rotation from principal to body axes.
+        truth: (N, 10).
+    """
+    for i in range(len(truth)):
+        group, at = divmod(i, rows.shape[2])
+        (q, omega, high, low), b, t = phase_in(rows[group, CONSTANTS : CONSTANTS + PHASE], at), bodies, truth
+        place: Vector = (high[0] + low[0], high[1] + low[1], high[2] + low[2])
+        axes = (b[3, i], b[4, i], b[5, i], b[6, i])
+        (t[i, 0], t[i, 1], t[i, 2]), turn, _, spin = of_origin((b[0, i], b[1, i], b[2, i]), axes, place, q, ZERO, omega)
+        t[i, 3], t[i, 4], t[i, 5], t[i, 6] = turn
+        t[i, 7], t[i, 8], t[i, 9] = spin
+
+
+TRUTHS = "void(float64[:, :, ::1], float64[:, ::1], float64[:, ::1])"
+"""Types of the arguments of `find_truths`, as numba writes them."""

@@ -24,7 +24,6 @@ from rb_dynamics.loads.wheel_numbers import (
     speed_of,
     spin_up_of,
     switch_wheels,
-    switches,
 )
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
@@ -56,12 +55,14 @@ if TYPE_CHECKING:
     # Room, see `_alone`, and the kernels of a step and of an embedded pair.
     _Trials = tuple[Numbers, Take, Take]
 
-# Numbers of the arc of a body: goal, what is learnt, and what will be after the next stride; length (s) of a stride
-# from the grid point whose results are there already, as after the next stride (0 for none); how far the wheels are
-# beyond where none switches, at either end of the search for a switch; then two phases with their states: at the grid
-# point and after the next stride. The body's other numbers have that at the last time, in which it stands.
+# Numbers of the arc of a body: goal, what was learnt when it began, what is learnt, and what will be after the next
+# stride; length (s) of a stride from the grid point whose results are there already, as after the next stride (0 for
+# none); how far the wheels are beyond where none switches, at either end of the search for a switch; then two phases
+# with their states: at the grid point and after the next stride. The body's other numbers have that at the last time,
+# in which it stands.
 GOAL = 0
-LEARNT = GOAL + len(Goal._fields)
+BEGAN = GOAL + len(Goal._fields)
+LEARNT = BEGAN + len(Learnt._fields)
 FOLLOWING = LEARNT + len(Learnt._fields)
 TRIED = FOLLOWING + len(Learnt._fields)
 BELOW, ABOVE = TRIED + 1, TRIED + 2
@@ -253,6 +254,10 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole) -> None:
         length = w[TIME] - w[START]
         w[EXPECTED] = length if length == w[LAST] else 0
         w[LAST] = length
+        _copy(f, LEARNT, BEGAN, 5)
+    else:
+        # See `Plan`.
+        _copy(f, BEGAN, LEARNT, 5)
     w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
     w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
     w[AT_GRID_POINT] = 1

@@ -12,11 +12,12 @@ from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.loads.compiled_load import source_numbers
-from rb_dynamics.motion.sensor_kernel import FIND_TRUTHS, READ_ALL
+from rb_dynamics.motion.fixed_step_kernel import OnDemand
+from rb_dynamics.motion.kernel_layout import TRUTHS, find_truths
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.run.measurements import SampleTimes
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sensors.many_readings import LOST, READING, numbers_of, words_of
+from rb_dynamics.sensors.many_readings import LOST, READING, READINGS, numbers_of, read_all, words_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
 
 # Samples of each body for which the kernel is worth loading.
 _AHEAD = 100.0
+
+
+READ_ALL = OnDemand("rk4", read_all, READINGS, steps=20.0)
+FIND_TRUTHS = OnDemand("rk4", find_truths, TRUTHS, steps=20.0)
+"""The kernels that read a sensor on many bodies, and find what it senses."""
 
 
 def shared_by_sensors(scene: Scene) -> Hashable | None:
@@ -119,12 +125,12 @@ class ManyMeasurements:
         """The next time at which a sample is taken."""
         return min(sensor.due_ns for sensor in self.sensors)
 
-    def take(self, phases: Numbers, time_ns: int) -> None:
-        """Take the samples that are due at `time_ns`, of bodies in these phases, (N, `PHASE` or more)."""
+    def take(self, rows: Numbers, time_ns: int) -> None:
+        """Take the samples that are due at `time_ns`, of the bodies with these numbers, see `find_truths`."""
         import numpy as np
 
-        truth = np.empty((len(phases), 10))
-        self._find_truths(phases.T, self._bodies, truth)
+        truth = np.empty((self._bodies.shape[1], 10))
+        self._find_truths(rows, self._bodies, truth)
         for number, sensor in enumerate(self.sensors):
             while sensor.due_ns <= time_ns:
                 taken_ns = sensor.due_ns

@@ -19,7 +19,7 @@ from rb_dynamics.motion.closed_form import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
 from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
 from rb_dynamics.motion.propagation_kernel import CHANGE
-from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Learnt, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
@@ -92,6 +92,8 @@ class Plan:
         self._start_ns = begin_ns
         # Lengths (ns) of the last arc, and of the next one if the last two were equally long; 0 if not known.
         self._length_ns = self._expected_ns = 0
+        # The control of the last arc, with what it knew at the start.
+        self._began: tuple[StepControl | None, Learnt] = None, Learnt()
         if self._method is not None:
             self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
             which = self.name if self.name == self._method.name else f"{self.name}: {self._method.name}"
@@ -133,12 +135,18 @@ class Plan:
             return Stepper(method, self._inertia, held, load_from, scales)
 
         # Several commands may come at the same time, each with an arc of zero duration.
-        if start_ns > self._from_ns:
+        goes_on = start_ns > self._from_ns
+        if goes_on:
             length_ns = start_ns - self._from_ns
             self._expected_ns, self._length_ns = length_ns if length_ns == self._length_ns else 0, length_ns
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
         method, control = self._choose(held, start_ns, phase, load_from is None, gradually is not None, stepper)
+        if isinstance(control, AccuracyControl):
+            if not goes_on and self._began[0] is control:
+                # The last arc had no duration; a search for a wheel that switches may have gone ahead in it.
+                control.learnt = self._began[1]
+            self._began = control, control.learnt
         again = None if self._method is not None or method is EXACT else self._cheapest
         # Under commands at regular times, the stride tried first leads to the next of them: no other step is needed.
         regular = self._expected_ns > 0 and self.takes == LoadDependence.STATES

@@ -66,16 +66,17 @@ class Samples:
         self,
         body: RigidBody,
         start: Numbers,
-        state: Numbers,
+        state: Numbers | Callable[[], Numbers],
         time_ns: int | Times,
         storing: Callable[[Numbers], Stored] | None = None,
     ) -> None:
         """Describe `body` (of arrays) in `state`, with balances from `start` on: (..., `PHASE`).
 
+        `state` may be a function, which is called when a field is first read.
         `storing` returns, for such rows, momentum and energy of what moves inside the body; None if nothing does.
         """
         self.time_ns = time_ns
-        self._body, self._began, self._state, self._storing = body, start, state, storing
+        self._body, self._began, self._given, self._storing = body, start, state, storing
 
     @classmethod
     def known(cls, time_ns: int | Times, **fields: Numbers) -> Samples:
@@ -88,6 +89,10 @@ class Samples:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self._state)
+
+    @cached_property
+    def _state(self) -> Numbers:
+        return self._given() if callable(self._given) else self._given
 
     @field
     def position_world(self) -> Any:

@@ -746,12 +746,8 @@ class Simulation:
         velocity = scale(1.0 / self.scene.body.mass, phase.linear_momentum_world)
         return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity, load.states)[2]
 
-    def _switching(self, wheels: WheelSet, phase: PhaseState) -> list[int]:
-        return wheels.switching(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
-
     def _beyond(self, wheels: WheelSet, phase: PhaseState) -> float:
-        """Return how far the wheels are beyond where none switches; positive if one does."""
-        return max(wheels.excesses(lambda: self._torque(phase), phase.angular_velocity, phase.inner))
+        return wheels.excess(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
     def _switch(self, phase: PhaseState) -> None:
         """Switch the wheels that have reached a switching time, from here on."""

@@ -7,6 +7,7 @@ accuracy.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
 from functools import cached_property
@@ -124,6 +125,7 @@ class WheelEnsemble:
     """N bodies with wheels.
 
     Attributes:
+        rows: (groups, ..., `LANES`), their numbers, see `wheel_arcs_kernel.py`.
         time_ns: how far they have come.
         clipped: commands that the limits of an actuator have reduced, (N,).
     """
@@ -160,12 +162,13 @@ class WheelEnsemble:
         self.time_ns, self.clipped = 0, np.zeros(len(scenes))
         self._limits = np.array([[_limit(each) for each in (*s.wheels, *rods_of(s))] for s in scenes])
         self._none, self._dipoles = np.full((len(scenes), len(first.wheels) + 1), np.nan), _Dipoles.of(scenes)
-        self._commands, self._samples = self._none, cast("WheelSamples | None", None)
+        self._commands, self._samples = self._none, cast("weakref.ref[WheelSamples] | None", None)
+        self._stands = False
         rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
-        self._rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
+        self.rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
         self._whole = np.array(whole, dtype=np.int64)
         self._states, self._sums, _ = layout(rows[0])
-        groups, size = len(self._rows), size_of(self._states)
+        groups, size = len(self.rows), size_of(self._states)
         spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
         self._handed = (step, pair, together or step, 0 if together is None else 1, spare, results)
         self._begin = self.phases
@@ -180,9 +183,9 @@ class WheelEnsemble:
         import numpy as np
 
         # Each number of all bodies in a row: so they are read.
-        columns = np.empty((size_of(self._states), len(self._rows), LANES))
+        columns = np.empty((size_of(self._states), len(self.rows), LANES))
         for at, begin, count in ((0, CONSTANTS, PHASE), (PHASE, self._sums, 2 * self._states)):
-            columns[at : at + count] = self._rows[:, begin : begin + count].transpose(1, 0, 2)
+            columns[at : at + count] = self.rows[:, begin : begin + count].transpose(1, 0, 2)
         return columns.reshape(len(columns), -1)[:, : len(self)].T
 
     @property
@@ -208,17 +211,17 @@ class WheelEnsemble:
             rods = commands[:, wheels:]
             told[:, wheels] = np.where(np.isnan(rods).all(axis=1), np.nan, 1.0)
             ends, body = self._dipoles.commanded(rods), np.arange(len(self))
-            self._rows[body // LANES, -ends.shape[1] :, body % LANES] = ends
+            self.rows[body // LANES, -ends.shape[1] :, body % LANES] = ends
         self._commands = np.where(np.isnan(told), self._commands, told)
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to `time_ns`, not before the last time."""
         import numpy as np
 
-        if time_ns == self.time_ns and self._commands is self._none and self._samples is not None:
+        if self._stands and time_ns == self.time_ns and self._commands is self._none:
             return
         self._go_to(np.full(len(self), time_ns))
-        self.time_ns, self._commands = time_ns, self._none
+        self.time_ns, self._commands, self._stands = time_ns, self._none, True
 
     def advance_some(self, times_ns: npt.NDArray[np.int64], which: npt.NDArray[np.bool_]) -> None:
         """Advance the bodies `which`, (N,), each to its own time."""
@@ -231,18 +234,23 @@ class WheelEnsemble:
         self._commands = np.where(which[:, np.newaxis], np.nan, self._commands)
 
     def _go_to(self, until_ns: npt.NDArray[np.int64]) -> None:
-        self._samples = None
-        what = self._rows, self._arcs, self._whole, self._commands, until_ns
+        if self._samples is not None and (samples := self._samples()) is not None:
+            # Somebody may read them later.
+            samples.keep()
+        self._samples, self._stands = None, False
+        what = self.rows, self._arcs, self._whole, self._commands, until_ns
         parts = parts_of(len(self), LANES, self._threads, _STEPS)
         each_part(lambda part: self._kernel(*what, *part, *self._handed), parts)
 
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
-        if self._samples is None:
-            phases, time_ns = self.phases, self.time_ns
-            speeds, told = lambda: self._speeds(phases), lambda: self._told(phases, time_ns)
-            self._samples = WheelSamples(self._body, self._start, phases, time_ns, speeds, told)
-        return self._samples
+        found = None if self._samples is None else self._samples()
+        if found is None:
+            time_ns = self.time_ns
+            read = lambda: self.phases, self._speeds, lambda phases: self._told(phases, time_ns)
+            found = WheelSamples(self._body, self._start, time_ns, *read)
+            self._samples = weakref.ref(found)
+        return found
 
     def _speeds(self, phases: Numbers) -> Numbers:
         import numpy as np
@@ -286,33 +294,42 @@ def _phase(row: Sequence[float]) -> PhaseState:
 
 
 class WheelSamples(Samples):
-    """State and bookkeeping of bodies with wheels; the books are made up for each body, and only if they are read.
-
-    Attributes:
-        phases: as in `WheelEnsemble`.
-    """
+    """State and bookkeeping of bodies with wheels; the books are made up for each body, and only if they are read."""
 
     def __init__(
         self,
         body: RigidBody,
         start: Numbers,
-        phases: Numbers,
         time_ns: int,
-        speeds: Callable[[], Numbers],
-        told: Callable[[], list[tuple[Sample, Sample]]],
+        phases: Callable[[], Numbers],
+        speeds: Callable[[Numbers], Numbers],
+        told: Callable[[Numbers], list[tuple[Sample, Sample]]],
     ) -> None:
-        """Describe `body` (of arrays); `told` returns the first sample of each and the present one."""
-        super().__init__(body, start, phases[:, :PHASE], time_ns)
-        self.phases, self._speeds, self._tell = phases, speeds, told
+        """Describe `body` (of arrays).
+
+        The functions return the phases, as in `WheelEnsemble`, and for them the speeds of the wheels, and the first
+        sample of each body and the present one.
+        """
+        super().__init__(body, start, lambda: self.phases[:, :PHASE], time_ns)
+        self._read, self._speeds, self._tell = phases, speeds, told
+
+    @cached_property
+    def phases(self) -> Numbers:
+        """As in `WheelEnsemble`."""
+        return self._read()
+
+    def keep(self) -> None:
+        """Read the phases before the bodies move on."""
+        _ = self.phases
 
     @field
     def wheel_speeds(self) -> Any:
         """(N, wheels), relative to the body, rad/s."""
-        return self._speeds()
+        return self._speeds(self.phases)
 
     @cached_property
     def _told(self) -> list[tuple[Sample, Sample]]:
-        return self._tell()
+        return self._tell(self.phases)
 
     @field
     def angular_momentum_world(self) -> Any:

@@ -129,3 +129,7 @@ def read_all(sample: int, truth: Numbers, numbers: Numbers, words: Whole, found:
             r[IN_BODY], r[IN_BODY + 1], r[IN_BODY + 2], r[IN_BODY + 3] = back
         lost = n[_DROPOUT] > 0.0 and uniform_numbers(of_losses, sample, 0)[0] < n[_DROPOUT]
         r[LOST] = 1.0 if lost or hidden else 0.0
+
+
+READINGS = "void(int64, float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1])"
+"""Types of the arguments of `read_all`, as numba writes them."""

@@ -13,10 +13,10 @@ import pytest
 from rb_dynamics.loads.compiled_load import source_numbers
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
-from rb_dynamics.motion.sensor_kernel import READ_ALL
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.rotation import exp
 from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.run.many_measurements import READ_ALL
 from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, SunSensor
 from rb_dynamics.sensors.axis_errors import AxisErrors
 from rb_dynamics.sensors.imu import Imu
@@ -36,7 +36,7 @@ SENSORS = [
     PoseSensor(name="pose", rate=5.0, frame="skew", position_noise=1e-3, orientation_noise=1e-3),
     PoseSensor(name="place", rate=5.0, position_noise=0.0),
     SunSensor(name="sun", rate=2.0, direction_world=(1.0, -2.0, 0.5), noise=1e-2, dropout=0.2),
-    SunSensor(name="seen", rate=2.0, frame="skew", direction_world=(0.0, 0.0, 3.0), field_of_view=1.2),
+    SunSensor(name="seen", rate=2.0, frame="skew", direction_world=(0.0, 0.0, 3.0), field_of_view=1.9),
     Magnetometer(
         name="mag",
         rate=2.0,

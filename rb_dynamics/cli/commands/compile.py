@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
         os.nice(19)
     from rb_dynamics.errors import MissingExtraError, RigidBodyError
     from rb_dynamics.motion.fixed_step_kernel import Tally
-    from rb_dynamics.motion.kernels_to_compile import all_kernels, usual_kernels
     from rb_dynamics.numerics.compilation import available, cache_folder, is_cached, keep_failure
+    from rb_dynamics.run.kernels_to_compile import all_kernels, usual_kernels
 
     if not available():
         raise MissingExtraError("numba", "fast", "rb-dynamics compile")

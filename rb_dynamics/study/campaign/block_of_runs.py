@@ -272,6 +272,8 @@ def _advance(
             if sampling and loop is not None:
                 loop.sample(time_ns, samples, bodies.onboard())
                 next_sample_ns += loop.period_ns
+            # Of samples that nobody has any more, nothing need be computed.
+            del samples
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
             return bodies.failed if loop is None else loop.end()
         if loop is not None and not isinstance(bodies, WithWheels) and (held := loop.commanded(time_ns)) is not None:

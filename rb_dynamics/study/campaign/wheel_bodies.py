@@ -210,7 +210,7 @@ class WithWheels:
         self.require_all()
         while self._sensing is not None and self._sensing.due_ns <= time_ns:
             self._go_to(self._sensing.due_ns)
-            self._sensing.take(self._ensemble.samples().phases, self._ensemble.time_ns)
+            self._sensing.take(self._ensemble.rows, self._ensemble.time_ns)
         self._go_to(time_ns)
 
     def _go_to(self, time_ns: int) -> None:

@@ -24,8 +24,8 @@ from rb_dynamics.analysis.identification.rotations import matrices, quaternions
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.motion import variational_equations
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
-from rb_dynamics.motion.kernels_to_compile import usual_kernels
 from rb_dynamics.numerics.compilation import available
+from rb_dynamics.run.kernels_to_compile import usual_kernels
 
 SCENE = """
 body:

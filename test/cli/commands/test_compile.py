@@ -13,10 +13,10 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.loads.plugin_load import PluginFunction, load_on_numbers
-from rb_dynamics.motion.kernels_to_compile import all_kernels, usual_kernels
 from rb_dynamics.motion.plugin_kernels import PluginKernel
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
+from rb_dynamics.run.kernels_to_compile import all_kernels, usual_kernels
 
 
 def test_compiles_what_it_is_told(

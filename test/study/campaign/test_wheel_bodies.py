@@ -71,7 +71,7 @@ import numpy as np
 
 
 def law(parameters):
-    calls = 0
+    calls, kept = 0, []
 
     def command(measured):
         nonlocal calls
@@ -144,6 +144,11 @@ def test_runs_without_a_controller_or_sensors(tmp_path: Path, monkeypatch: pytes
     ("body", "alone"),
     [
         ("pass", False),
+        # What a law reads a period later is of that time.
+        (
+            "kept.append(measured)\n        if calls > 3:\n            found['y'] = 1e-4 * kept[-3].wheel_speeds['x']",
+            False,
+        ),
         (
             "found['x'] = 0.1 * measured.sensors['imu'].angular_velocity[:, 0] + measured.wheel_speeds['y'] * 1e-5",
             False,

@@ -13,11 +13,11 @@ from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
-from rb_dynamics.motion.sensor_kernel import FIND_TRUTHS, READ_ALL
 from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL
 from rb_dynamics.motion.wheel_lanes_kernel import COUNTS, pairs_of
+from rb_dynamics.run.many_measurements import FIND_TRUTHS, READ_ALL
 
 
 def usual_kernels() -> dict[str, OnDemand]:
