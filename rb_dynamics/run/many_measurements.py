@@ -115,7 +115,7 @@ class ManyMeasurements:
             raise LookupError("the kernels for sensors are not there")
         self._kernel, self._find_truths = kernels
         bodies = [(*scene.body.center_of_mass, *scene.body.principal_orientation_xyzw) for scene in scenes]
-        self._bodies = np.ascontiguousarray(np.array(bodies).T)
+        self._bodies, self._truth = np.ascontiguousarray(np.array(bodies).T), np.empty((len(scenes), 10))
         self.sensors = [_Sensor(scenes, number) for number in range(len(scenes[0].sensors))]
         # Readings not yet delivered: when they arrive, the number of their sensor, when they were taken.
         self._waiting: list[tuple[int, int, int, Numbers]] = []
@@ -127,14 +127,11 @@ class ManyMeasurements:
 
     def take(self, rows: Numbers, time_ns: int) -> None:
         """Take the samples that are due at `time_ns`, of the bodies with these numbers, see `find_truths`."""
-        import numpy as np
-
-        truth = np.empty((self._bodies.shape[1], 10))
-        self._find_truths(rows, self._bodies, truth)
+        self._find_truths(rows, self._bodies, self._truth)
         for number, sensor in enumerate(self.sensors):
             while sensor.due_ns <= time_ns:
                 taken_ns = sensor.due_ns
-                found = sensor.take(self._kernel, truth)
+                found = sensor.take(self._kernel, self._truth)
                 heapq.heappush(self._waiting, (taken_ns + sensor.delay_ns, number, taken_ns, found))
 
     def deliver(self, time_ns: int) -> None:
