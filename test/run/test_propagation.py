@@ -199,7 +199,7 @@ def test_a_recording_by_blocks_has_the_rows_of_one_by_events(
     recorded, kept = RecordedWrenches([bag], ["a", "b"], scene.end_ns or 0), []
     for name, fly in (("singly", _singly), ("together", _run)):
         path = tmp_path / f"{name}.rrd"
-        fly(scene, recorded, RerunSink(path, max_rows=max_rows, batch_rows=200))
+        fly(scene, recorded, RerunSink(path, max_rows=max_rows, batch_rows=200, follow_s=1e9))
         # What is not of a time is sent anew with every batch; the last one counts.
         kept.append({name: rows[-1:] if rows[0][0] is None else rows for name, rows in Rrd(path).rows.items()})
         del kept[-1]["/__properties", "RecordingInfo:start_time"]
