@@ -48,6 +48,7 @@ class Buoyancy(Effect):
     kind: ClassVar[str] = "buoyancy"
     takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("volume", "density", "acceleration_world", "center_body")
+    takes_arrays: ClassVar[bool] = True
     ranges: ClassVar[Mapping[str, Range]] = {
         "volume": Range("a number greater than 0 (m^3)", "write what is displaced", above=0.0),
         "density": Range("a number greater than 0 (kg/m^3)", "for sea water 1025", above=0.0),

@@ -16,7 +16,7 @@ from rb_dynamics.loads.number_ranges import Range, check_numbers, check_vector, 
 from rb_dynamics.numerics.argument_checks import truth
 from rb_dynamics.numerics.compilation import compiled_as
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, norm_of_arrays, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -67,6 +67,13 @@ def _to(center: Vector, place: Vector) -> tuple[float, Vector]:
     return distance, scale(1.0 / distance, away)
 
 
+def _to_each(center: Vector, places: Vector) -> tuple[float, Vector]:
+    """As `_to`, for arrays; at the centre the direction is not a number."""
+    away = subtract(places, center)
+    distance = norm_of_arrays(away)
+    return distance, scale(1.0 / distance, away)
+
+
 @compiled_as((math.nan, (math.nan, math.nan, math.nan)))
 def _arrived(center: Vector) -> tuple[float, Vector]:
     raise ConvergenceError(
@@ -88,6 +95,7 @@ class CentralGravity(Effect):
     kind: ClassVar[str] = "central_gravity"
     takes: ClassVar[LoadDependence] = LoadDependence.FIELD
     keys: ClassVar[tuple[str, ...]] = ("gravitational_parameter", "center_world", "gravity_gradient")
+    takes_arrays: ClassVar[bool] = True
     ranges: ClassVar[Mapping[str, Range]] = {
         "gravitational_parameter": Range(
             "a number greater than 0 (m^3/s^2)", "write mu = G M, for the Earth 3.986004418e14", above=0.0
@@ -144,7 +152,8 @@ class CentralGravity(Effect):
         trace = moments[0] + moments[1] + moments[2]
 
         def at(point: Point) -> float:
-            distance, direction = _to(self.center_world, point.position)
+            to = _to_each if hasattr(point.time, "shape") else _to
+            distance, direction = to(self.center_world, point.position)
             energy = -mu * mass / distance
             if not self.gravity_gradient:
                 return energy

@@ -27,6 +27,9 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
 if TYPE_CHECKING:
     from typing import TypeGuard
 
+    import numpy as np
+    import numpy.typing as npt
+
 _T = TypeVar("_T")
 
 
@@ -186,6 +189,19 @@ class CombinedEffects:
             return total
 
         return energy
+
+    def potentials(self, points: Point) -> npt.NDArray[np.float64] | None:
+        """Return the potential energy at a point of arrays; None if they must be computed one by one."""
+        import numpy as np
+
+        total: Any = None
+        with np.errstate(all="ignore"):
+            for effect in self.effects:
+                if (part := effect.potential(self.body)) is not None:
+                    if not effect.takes_arrays:
+                        return None
+                    total = part(points) if total is None else total + part(points)
+        return total if np.isfinite(total).all() else None
 
     def gravity(self) -> Field:
         """Return the gravitational acceleration (m/s^2) of all effects."""

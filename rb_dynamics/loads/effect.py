@@ -74,11 +74,13 @@ class Effect:
         kind: `type` in the scene's list of effects.
         takes: what its load depends on.
         keys: the other keys of its entry in the scene.
+        takes_arrays: whether its potential also takes a point of arrays, and returns an array with the same bits.
     """
 
     kind: ClassVar[str]
     takes: ClassVar[LoadDependence] = LoadDependence.HELD
     keys: ClassVar[tuple[str, ...]] = ()
+    takes_arrays: ClassVar[bool] = False
 
     @classmethod
     def read(cls, entry: SceneEntry) -> Effect:

@@ -21,6 +21,7 @@ class UniformGravity(Effect):
 
     kind: ClassVar[str] = "uniform_gravity"
     keys: ClassVar[tuple[str, ...]] = ("acceleration_world",)
+    takes_arrays: ClassVar[bool] = True
 
     acceleration_world: Vector
 

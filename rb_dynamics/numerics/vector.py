@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
 Vector = tuple[float, float, float]
 
@@ -50,6 +51,13 @@ def norm(a: Vector) -> float:
     if square <= 1e-280:
         return math.sqrt(_square(2.0**600, a)) * 2.0**-600
     return math.sqrt(square)
+
+
+def norm_of_arrays(a: Vector) -> Any:
+    """Return `norm` for vectors whose components are arrays."""
+    import numpy as np
+
+    return np.array([norm(each) for each in zip(*(part.tolist() for part in cast("tuple[Any, ...]", a)), strict=True)])
 
 
 def _square(s: float, a: Vector) -> float:

@@ -68,13 +68,15 @@ class EdgeSchedule:
         if len(output_times) == _MANY:
             known_ns = int(output_times[-1])
         changes = changes.until(known_ns)
-        at = np.union1d(output_times, changes.time_ns)
-        kinds = OUTPUT * np.isin(at, output_times) + CHANGE * np.isin(at, changes.time_ns)
+        at, places = np.unique(np.concatenate([output_times, changes.time_ns]), return_inverse=True)
+        kinds = np.zeros(len(at), dtype=np.int64)
+        kinds[places[: len(output_times)]] = OUTPUT
+        kinds[places[len(output_times) :]] |= CHANGE
         columns = tuple(changes.held.T)
         held = HeldWrench(columns[:3], columns[3:6], columns[6:9], columns[9:])
         parts = in_principal_axes(self._body, held)
         rows = np.column_stack([column for part in parts for column in part])
-        return Edges(at, kinds.astype(np.int64), rows), known_ns
+        return Edges(at, kinds, rows), known_ns
 
     def _outputs(self, first: int, until_ns: int) -> Whole:
         """Return the times of outputs from that of number `first` on, up to `until_ns`."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.effect import Stored
+from rb_dynamics.loads.effect import Point, Stored
 from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
@@ -101,7 +101,8 @@ class SampleBuilder:
         if wheels is not None:
             inner = wheels.stored(phase.angular_velocity, phase.inner)
             self._inner = inner.energy, rotate(phase.orientation, inner.momentum)
-        self._body = body = effects.body
+        self._effects, self._body = effects, effects.body
+        body = effects.body
         self._potential, self._storing = effects.potential(), effects.storing()
         self._energy = kinetic_energy(body, phase)
         self._spin, self._momentum = phase.angular_momentum_world(body), phase.linear_momentum_world
@@ -165,20 +166,24 @@ class SampleBuilder:
         """
         import numpy as np
 
-        columns: Any = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
-        points = []
-        if self._storing is not None or self._potential is not None:
-            points = [phase_of(row).point(self._body) for row in zip(*(n.tolist() for n in columns), strict=True)]
         stored: Any = None
         if self._storing is not None:
-            momenta, energies = zip(*map(self._storing, points), strict=True)
+            momenta, energies = zip(*map(self._storing, self._points(phase)), strict=True)
             stored = Stored(cast("Vector", tuple(np.array(momenta).T)), cast("float", np.array(energies)))
         # An energy beyond the range of doubles becomes infinite, as elsewhere.
         with np.errstate(all="ignore"):
             found = self._without_potential(phase, cast("int", times_ns), stored)
         if self._potential is None:
             return found
-        return replace(found, potential_energy=cast("float", np.array([self._potential(point) for point in points])))
+        potentials = self._effects.potentials(phase.point(self._body))
+        if potentials is None:
+            potentials = np.array([self._potential(point) for point in self._points(phase)])
+        return replace(found, potential_energy=cast("float", potentials))
+
+    def _points(self, phase: PhaseState) -> list[Point]:
+        """Return the point of each of many phases."""
+        columns: Any = (*phase.orientation, *phase.angular_velocity, *phase.high, *phase.low)
+        return [phase_of(row).point(self._body) for row in zip(*(n.tolist() for n in columns), strict=True)]
 
 
 def torque_impulse(first: Sample, sample: Sample) -> Vector:

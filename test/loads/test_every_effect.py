@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from motions import Recorder
 
@@ -89,6 +90,28 @@ def test_force_and_torque_are_the_slope_of_the_potential(kind: str) -> None:
                     for axis in AXES
                 ]
                 assert found == pytest.approx([-slope for slope in slopes], abs=1e-5 * norm(found) + size)
+
+
+@each_kind
+def test_the_potential_at_many_points_is_that_at_each(kind: str) -> None:
+    scene = shown(kind)
+    effects = scene.combined_effects
+    potential = effects.potential()
+    if potential is None or not all(effect.takes_arrays for effect in scene.effects):
+        return
+    # At 1e150 m the sum of the squares of lengths is near the end of the range of doubles.
+    some = [point for _, point in zip(range(50), points(), strict=False)]
+    some += [point._replace(position=scale(size, point.position)) for point in some[:5] for size in (1e-3, 1e150)]
+    time, *rows = zip(*some, strict=True)
+    together = Point(np.array(time), *(tuple(np.array(row).T) for row in rows))  # type: ignore[arg-type]
+    found = effects.potentials(together)
+    assert found is not None
+    assert found.tolist() == [potential(point) for point in some]
+
+
+def test_a_potential_that_is_not_finite_somewhere_is_left_to_the_points() -> None:
+    scene = shown("central_gravity")
+    assert scene.combined_effects.potentials(Point(np.zeros(2), *[(np.zeros(2),) * 3] * 2, (0, 0, 0, 1), ZERO)) is None  # type: ignore[arg-type]
 
 
 @each_kind
