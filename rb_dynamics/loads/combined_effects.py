@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.compiled_load import effect_numbers
+from rb_dynamics.loads.compiled_load import effect_numbers, functions_in
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
@@ -156,15 +156,19 @@ class CombinedEffects:
         """Whether kernels support the load."""
         if any(isinstance(effect, Actuator) for effect in self.effects):
             return False
-        return self.takes == LoadDependence.HELD or self.numbers(0.0) is not None
+        return self.takes == LoadDependence.HELD or self.numbers(0.0, plugins=True) is not None
 
     def lasting(self) -> Lasting | None:
         """Return the effects if all of them act unchanged throughout a run; None otherwise, or without numbers.
 
         They do not if the load has knots, a wrench begins later or turns, or something moves inside the body.
         """
-        numbers, force = self.numbers(0.0), ZERO
+        numbers, force = self.numbers(0.0, plugins=True), ZERO
         if not self.compile or self.knots() or self.storing() is not None:
+            return None
+        # A plug-in may give each arc of a run a load of its own; one that does not compile gains nothing side by side.
+        functions = functions_in(numbers or ())
+        if functions and (any(each.fault for each in functions) or numbers != self.numbers(1.0, plugins=True)):
             return None
         for _, entries in self.schedules():
             if len(entries) > 1 or entries[0][0] != 0.0:

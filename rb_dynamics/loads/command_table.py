@@ -7,6 +7,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
+from rb_dynamics.numerics.distinct import distinct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,8 +65,8 @@ class Received(NamedTuple):
         blocks: list[Commands] = []
         numbers = []
         for part in parts:
-            used, where = np.unique(part.block, return_inverse=True)
-            numbers.append(where + len(blocks))
+            used = distinct(part.block)
+            numbers.append(used.searchsorted(part.block) + len(blocks))
             blocks += (part.blocks[k] for k in used.tolist())
         return cls(tuple(blocks), np.concatenate(numbers), np.concatenate([part.row for part in parts]))
 
@@ -264,7 +265,7 @@ def timeline(
         _changes(times[channels == number], held[channels == number], now, timeout, until_ns)
         for number, (now, timeout) in enumerate(zip(holding, timeout_ns, strict=True))
     ]
-    at = np.unique(np.concatenate([table.time_ns[:0], *(changes.time_ns for changes in each)]))
+    at = distinct(np.concatenate([table.time_ns[:0], *(changes.time_ns for changes in each)]))
     total = np.zeros((len(at), HELD))
     for (now, _), changes in zip(holding, each, strict=True):
         rows_held = np.concatenate([np.array([now]), changes.held])

@@ -32,6 +32,7 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Load, Method, Step
 from rb_dynamics.motion.phase_state import PhaseState, Sums
+from rb_dynamics.motion.plugin_kernels import PluginKernel, are_ready
 from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT, out_of_range
 from rb_dynamics.numerics.compilation import block, compiled_as, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
@@ -249,6 +250,7 @@ class Mover:
         after: Numbers,
         threads: int,
         loads: Loads = (),
+        plugins: Sequence[PluginKernel] = (),
     ) -> None:
         """Write the state of all bodies after `schedule` to `after`; `state` is unchanged.
 
@@ -260,6 +262,7 @@ class Mover:
             after: same shape.
             threads: largest number of threads; the bits do not depend on it.
             loads: functions for the effects of each body in plain Python.
+            plugins: functions of plug-ins that the kernels call for them.
 
         Raises:
             ConvergenceError: a step of a body cannot be solved; names the first such body.
@@ -275,7 +278,9 @@ class Mover:
                 finite = each_part(lambda part: blocks(properties, *schedule, state, after, *part), parts)
                 left = left[:0] if all(finite) else _not_finite(after)
         if self._one_by_one is not None and len(left) > 0:
-            single = self._one_by_one.get(len(left) * schedule.steps, len(left) * schedule.steps)
+            steps = len(left) * schedule.steps
+            ready = are_ready(plugins, (self._one_by_one,), steps, steps)
+            single = self._one_by_one.get(steps, steps) if ready else None
             if single is not None:
 
                 def some(part: tuple[int, int]) -> None:

@@ -10,6 +10,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.phase_state import in_principal_axes
 from rb_dynamics.motion.propagation import Edges
 from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT
+from rb_dynamics.numerics.distinct import distinct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,10 +69,10 @@ class EdgeSchedule:
         if len(output_times) == _MANY:
             known_ns = int(output_times[-1])
         changes = changes.until(known_ns)
-        at, places = np.unique(np.concatenate([output_times, changes.time_ns]), return_inverse=True)
+        at = distinct(np.concatenate([output_times, changes.time_ns]))
         kinds = np.zeros(len(at), dtype=np.int64)
-        kinds[places[: len(output_times)]] = OUTPUT
-        kinds[places[len(output_times) :]] |= CHANGE
+        kinds[at.searchsorted(output_times)] = OUTPUT
+        kinds[at.searchsorted(changes.time_ns)] |= CHANGE
         columns = tuple(changes.held.T)
         held = HeldWrench(columns[:3], columns[3:6], columns[6:9], columns[9:])
         parts = in_principal_axes(self._body, held)

@@ -24,6 +24,7 @@ from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, takes_compiled
 from rb_dynamics.motion.kernel_layout import PHASE, phase_numbers
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
+from rb_dynamics.motion.plugin_kernels import plugin_kernels
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics.argument_checks import (
     as_array,
@@ -93,7 +94,7 @@ class Ensemble:
             step: s; required by every method except `exact`.
             threads: largest number of threads, by default one per available core; the bits do not depend on it.
             effects: on each of N bodies, such as `scene.combined_effects`; by default none. They must act all the time:
-                uniform and central gravity, drag and buoyancy do.
+                uniform and central gravity, drag and buoyancy do, and compiled ones of plug-ins without knots.
 
         Raises:
             TypeError: an argument has the wrong type.
@@ -118,6 +119,7 @@ class Ensemble:
         self._threads = _threads(threads)
         self._body = body_of_arrays(many)
         self._mass_properties = _mass_properties(many, [each.numbers for each in lasting])
+        self._plugins = tuple(dict.fromkeys(kernel for each in lasting for kernel in plugin_kernels(each.numbers)))
         self._loads = [each.load_from(0.0) for each in effects] if takes > LoadDependence.HELD else []
         self._steady = _steady([each.force_world for each in lasting])
         self._particles = _particles(many)
@@ -242,7 +244,7 @@ class Ensemble:
 
             after = np.empty_like(state)
             self._memory.append(after)
-        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads, self._loads)
+        self._steps.mover.move(self._mass_properties, schedule, state, after, self._threads, self._loads, self._plugins)
         return after
 
 

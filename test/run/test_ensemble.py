@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from motions import Recorder, scene
+from plugin_effects import Given, Roped, doubled, inverse
 
 from rb_dynamics import METHODS, Ensemble, RigidBody, Samples, Simulation, Solver, State, Wrench
 from rb_dynamics import driven_motion as driven
@@ -20,7 +22,7 @@ from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.drag import LinearDrag
-from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.effect import Effect, Wrenching
 from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
@@ -28,7 +30,9 @@ from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, HeldWrench
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.batch_kernel import Mover
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
+from rb_dynamics.motion.plugin_kernels import PluginKernel
 from rb_dynamics.motion.step_control import FixedStep, WholeArc
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import normalize
@@ -151,7 +155,7 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-@pytest.mark.parametrize("effects", [EFFECTS, EFFECTS[:1]], ids=["loads", "gravity"])
+@pytest.mark.parametrize("effects", [EFFECTS, EFFECTS[:1], (Roped(), *EFFECTS)], ids=["loads", "gravity", "plug-in"])
 @pytest.mark.parametrize("when", ["never", pytest.param("always", marks=needs_numba)])
 def test_effects_act_as_in_a_run(monkeypatch: pytest.MonkeyPatch, when: str, effects: tuple[Effect, ...]) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
@@ -174,9 +178,36 @@ def test_effects_act_as_in_a_run(monkeypatch: pytest.MonkeyPatch, when: str, eff
                 run.post("wrench", Wrench(torque=torque), time_ns)
 
 
+@needs_numba
+def test_effects_of_plugins_are_compiled_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    ropes = [CombinedEffects(BODY, (Roped(stiffness),)) for stiffness in (4.0, 8.0)]
+    with counted_by(tally := Tally()):
+        Ensemble(BODY, [STATE, STATE], "rk4", 0.01, effects=ropes).advance(0.1)
+    assert {each.name.split("_")[0] for each in tally.used if isinstance(each, PluginKernel)} == {"load", "scale"}
+    assert sum(not isinstance(each, PluginKernel) for each in tally.used) == 1
+
+
+def test_a_body_at_which_a_plugin_fails_is_named_as_in_plain_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always" if compilation.available() else "never")
+    each = [CombinedEffects(BODY, (Given(partial(inverse, strength)),)) for strength in (1.0, 2.0)]
+    with pytest.raises(ConvergenceError, match=r"body 0: given: its load fails with ZeroDivisionError: .* time 0\.5 s"):
+        Ensemble(BODY, [STATE, STATE], "rk4", 0.125, effects=each).advance(1.0)
+
+
+@dataclass(frozen=True)
+class _FromStart(Given):
+    """A load that differs from arc to arc."""
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
+        return partial(doubled, 1.0 + start)
+
+
 @pytest.mark.parametrize(
     ("method", "effects", "message"),
     [
+        ("rk4", _FromStart(None), "is given, expected"),
+        ("rk4", Given(lambda point: doubled(1.0, point)), "is given, expected"),
         ("rk4", Rotor((0.0, 0.0, 1.0), 0.1, ((0.0, 5.0),)), r"effects\[0\] is rotor, expected .* simulate this body"),
         ("rk4", ScheduledWrench(((1.0, Wrench((1.0, 0.0, 0.0), frame_id=WORLD)),)), "is scheduled_wrench, expected"),
         ("rk4", UniformGravity((0.0, 0.0, 1e300)), "is uniform_gravity, expected"),

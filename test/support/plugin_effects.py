@@ -12,6 +12,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Wrenching
 from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.numerics import vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale, subtract
@@ -49,6 +50,10 @@ class Roped(Effect):
     takes = LoadDependence.ANY
     stiffness: float = 8.0
     see: Callable[..., float] = seen
+
+    @classmethod
+    def read(cls, entry: SceneEntry) -> Roped:
+        return cls()
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching:
         return partial(pulled, self._rope)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from campaigns import CAMPAIGN, SCENE, write
 
 from rb_dynamics import Simulation, Wrench
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.sinks.memory_sink import MemorySink
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
 from rb_dynamics.study.campaign.block_propagation import CHANNEL
-from rb_dynamics.study.campaign.engine import goes_side_by_side
+from rb_dynamics.study.campaign.engine import goes_alone, goes_side_by_side
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
 from rb_dynamics.study.campaign.sampling import inputs
@@ -92,6 +94,31 @@ def test_effects_go_side_by_side(tmp_path: Path, effect: str, driven: bool) -> N
     assert goes_side_by_side(campaign)
 
     block = simulate_block(campaign, 0, 3)
+    for run in range(3):
+        alone = simulate_alone(campaign, run)
+        assert {name: repr(value) for name, value in alone.items()} == {
+            name: repr(float(block[name][run])) for name in alone
+        }
+
+
+@pytest.mark.parametrize("driven", [True, False])
+@pytest.mark.parametrize("solver", ["step: 0.05", "accuracy: 1.0e-4"])
+def test_effects_of_plugins_go_side_by_side_or_in_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, driven: bool, solver: str
+) -> None:
+    point = EntryPoint("rope", "plugin_effects:Roped", "rb_dynamics.effects")
+    monkeypatch.setattr(EFFECTS, "_loaded", {})
+    monkeypatch.setitem(vars(EFFECTS), "_plugins", {"rope": [point]})
+    text = CAMPAIGN.replace("[0.0, 0.1, 0.35]", "[0.0, 0.1, 0.3]")
+    if not driven:
+        text = re.sub(r"  control\..*\n|control:\n(  .*\n)*", "", text).replace("require", "observe_rate: 7\nrequire")
+    scene = SCENE.replace("step: 0.05", solver) + "effects: [{type: rope}]\n"
+    campaign = read_campaign(write(tmp_path, text, scene))
+    assert goes_side_by_side(campaign) == ("step" in solver)
+    assert goes_alone(campaign) == (driven and "accuracy" in solver)
+
+    block = simulate_block(campaign, 0, 3)
+    assert not any(block["error"])
     for run in range(3):
         alone = simulate_alone(campaign, run)
         assert {name: repr(value) for name, value in alone.items()} == {
