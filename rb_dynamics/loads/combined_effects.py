@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.compiled_load import effect_numbers, functions_in
+from rb_dynamics.loads.compiled_load import Underway, effect_numbers, functions_in
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
@@ -140,16 +140,18 @@ class CombinedEffects:
 
         return at
 
-    def numbers(self, start: float, dipole: Vector = ZERO, *, plugins: bool = False) -> tuple[float, ...] | None:
+    def numbers(
+        self, start: float, dipole: Vector = ZERO, *, plugins: bool = False, underway: Sequence[Underway] = ()
+    ) -> tuple[float, ...] | None:
         """Return the same load for kernels; None if there is none, or an effect has no numbers.
 
-        Of actuators only the `dipole` (A m^2, principal axes) of magnetorquers counts; for `plugins` see
-        `effect_numbers`.
+        Of actuators only the `dipole` (A m^2, principal axes) of magnetorquers counts; for `plugins` and transients
+        `underway` see `effect_numbers`.
         """
         if self.takes == LoadDependence.HELD:
             return None
         effects = [effect for effect in self.effects if not isinstance(effect, Actuator)]
-        return effect_numbers(effects, self.body, start, dipole, plugins=plugins)
+        return effect_numbers(effects, self.body, start, dipole, plugins=plugins, underway=underway)
 
     @property
     def compile(self) -> bool:

@@ -32,6 +32,9 @@ from rb_dynamics.loads.plugin_load import (
 )
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.wrench import HeldWrench, combined
+from rb_dynamics.loads.wrench_transition import Transient, aged, with_acting
+from rb_dynamics.loads.wrench_transition import sight as sight_of_transient
 from rb_dynamics.numerics.compilation import compiled_by
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
@@ -41,15 +44,33 @@ if TYPE_CHECKING:
 
 # Numbers of one effect: its kind and its parameters. After the last effect comes the number of effects. All are at the
 # end of a kernel's array, whatever precedes them. A function of a plug-in has its kind, its cell, and how far back
-# its own numbers are, which precede those of all effects.
+# its own numbers are, which precede those of all effects. A transient likewise has how far back its wrenches are; then
+# its age at the start of the arc, the sum of the time there and its rounding error, its length, whether it is linear,
+# and its age at the start of the present step.
 WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
-_LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN = 6.0, 7.0, 8.0
+_LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN, _TRANSIENT = 6.0, 7.0, 8.0, 9.0
 # A lag is not a load of its own, see `wrench_transition.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)
 """Numbers for a scene without effects."""
+
+
+class Underway(NamedTuple):
+    """A transient in an arc.
+
+    Attributes:
+        transient: body parts in principal axes.
+        age: at the start of the arc, s.
+        high: the sum of the time at the start of the arc, s, see `PhaseState`.
+        low: its rounding error.
+    """
+
+    transient: Transient
+    age: float
+    high: float
+    low: float
 
 
 class EffectLoad(NamedTuple):
@@ -67,12 +88,19 @@ class EffectLoad(NamedTuple):
 
 
 def effect_numbers(
-    effects: Sequence[Effect], body: RigidBody, start: float, dipole: Vector = ZERO, *, plugins: bool = False
+    effects: Sequence[Effect],
+    body: RigidBody,
+    start: float,
+    dipole: Vector = ZERO,
+    *,
+    plugins: bool = False,
+    underway: Sequence[Underway] = (),
 ) -> tuple[float, ...] | None:
     """Return the numbers of `effects` from `start` (s) to the next knot; None if one of them has none.
 
     `dipole` (A m^2, principal axes) is that of the body in their magnetic field; with several sources there are no
-    numbers. Effects of `plugins` have numbers only on request, as kernels need their functions, too.
+    numbers. Effects of `plugins` have numbers only on request, as kernels need their functions, too. Transients that
+    are `underway` are added.
     """
     found: list[Sequence[float]] = []
     before: list[float] = []
@@ -97,6 +125,9 @@ def effect_numbers(
         if source is None:
             return None
         found.append((_DIPOLE, *dipole, *source))
+    for (old, new, _, length, is_linear), *clock in underway:
+        before = flat((*old, *new)) + before
+        found.append((_TRANSIENT, float(len(before) + WIDTH * len(found)), *clock, length, float(is_linear)))
     return (*before, *(n for each in found for n in (*each, *(0.0,) * (WIDTH - len(each)))), float(len(found)))
 
 
@@ -115,7 +146,7 @@ def functions_in(numbers: Sequence[float]) -> tuple[PluginFunction, ...]:
     """Return the functions of plug-ins that a kernel calls for these numbers of effects."""
     end = len(numbers) - 1
     starts = range(end - WIDTH * int(numbers[end]), end, WIDTH) if numbers else ()
-    return tuple(function_at(numbers[i + 1]) for i in starts if numbers[i] >= _LOAD_OF_PLUGIN)
+    return tuple(function_at(numbers[i + 1]) for i in starts if _LOAD_OF_PLUGIN <= numbers[i] < _TRANSIENT)
 
 
 def source_numbers(effects: Sequence[Effect]) -> tuple[float, ...] | None:
@@ -175,12 +206,32 @@ def evaluated_by_numbers(
     count = int(c[len(c) - 1])
     i = len(c) - 1 - count * WIDTH
     here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
-    force, torque = _load(c, i, here)
+    force, torque = ZERO, ZERO
+    if c[i] != _TRANSIENT:
+        force, torque = _load(c, i, here)
     for k in range(1, count):
         if c[i + k * WIDTH] <= _LOAD_OF_PLUGIN:
             more_force, more_torque = _load(c, i + k * WIDTH, here)
             force, torque = add(force, more_force), add(torque, more_torque)
-    return force, torque
+    if c[len(c) - 1 - WIDTH] != _TRANSIENT:
+        return force, torque
+    acting = HeldWrench(ZERO, ZERO, ZERO, ZERO)
+    for k in range(count):
+        j = i + k * WIDTH
+        if c[j] == _TRANSIENT:
+            own = j - int(c[j + 1])
+            gradual = aged(_held_at(c, own), _held_at(c, own + 12), c[j + 5], c[j + 6] != 0.0, c[j + 7] + t)
+            acting = combined(1.0, acting, 1.0, gradual)
+    return with_acting(acting, force, torque, orientation)
+
+
+def begin_transients(c: Numbers, high: float, low: float) -> None:
+    """Prepare the transients at the end of `c` for a step; `high` and `low` are the sum of the time at its start."""
+    end = len(c) - 1
+    for k in range(int(c[end])):
+        i = end - (k + 1) * WIDTH
+        if c[i] == _TRANSIENT:
+            c[i + 7] = c[i + 2] + ((high - c[i + 3]) + (low - c[i + 4]))
 
 
 def has_effects(c: Numbers) -> bool:
@@ -195,7 +246,7 @@ def is_attraction_or_none(c: Numbers) -> bool:
 
 
 def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
-    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`.
+    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`, `begin_transients`.
 
     The sight is 0 where plain Python refuses what a plug-in gives.
     """
@@ -214,6 +265,8 @@ def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
         elif c[i] == _SIGHT_OF_PLUGIN:
             ahead = scale_at(c[i + 1], c, i - int(c[i + 2]), here)
             sight = min(sight, ahead) if ahead > 0.0 else 0.0
+        elif c[i] == _TRANSIENT:
+            sight = min(sight, sight_of_transient(c[i + 5], c[i + 6] != 0.0, c[i + 7]))
     return slowing, sight
 
 
@@ -260,6 +313,10 @@ def _spin_at(c: Numbers, i: int) -> Spin:
 def source_at(c: Numbers, i: int) -> Source:
     """Return the source of a magnetic field whose numbers begin at i, see `source_numbers`."""
     return Source(c[i] != 0.0, _vector_at(c, i + 1), _vector_at(c, i + 4), _vector_at(c, i + 7))
+
+
+def _held_at(c: Numbers, i: int) -> HeldWrench:
+    return HeldWrench(_vector_at(c, i), _vector_at(c, i + 3), _vector_at(c, i + 6), _vector_at(c, i + 9))
 
 
 def _vector_at(c: Numbers, i: int) -> Vector:

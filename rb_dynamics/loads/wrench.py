@@ -16,7 +16,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.numerics.argument_checks import instance, mapping, quaternion, shown, vector
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
-from rb_dynamics.numerics.vector import ZERO, Vector, add
+from rb_dynamics.numerics.vector import ZERO, Vector, add, scale
 
 WORLD = "/world"
 """`frame_id` for world axes in wrenches of effects, whatever their name in the scene; no frame has this name."""
@@ -112,6 +112,16 @@ class HeldWrench(NamedTuple):
             add(self.force_world, other.force_world),
             add(self.torque_world, other.torque_world),
         )
+
+
+def combined(a: float, one: HeldWrench, b: float, other: HeldWrench) -> HeldWrench:
+    """Return a times one wrench plus b times another."""
+    return HeldWrench(
+        add(scale(a, one.force_body), scale(b, other.force_body)),
+        add(scale(a, one.torque_body), scale(b, other.torque_body)),
+        add(scale(a, one.force_world), scale(b, other.force_world)),
+        add(scale(a, one.torque_world), scale(b, other.torque_world)),
+    )
 
 
 def held_of(numbers: Sequence[float]) -> HeldWrench:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.load import Load
-from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench import HeldWrench, combined
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, conjugate, multiply, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 # Time constants after which an exponential change counts as complete: exp(-40) = 4e-18 of it is below round-off.
 _OVER = 40.0
@@ -44,26 +44,38 @@ class Transient(NamedTuple):
         return self.since_ns + max(1, nanoseconds(self.length if self.is_linear else _OVER * self.length))
 
     def aged(self, age: float) -> HeldWrench:
-        """Return the wrench `age` s after the start.
-
-        With two weights the result is exact to a few roundings of itself, also where it begins or ends at zero.
-        """
-        part = age / self.length
-        old, new = (1.0 - part, part) if self.is_linear else (math.exp(-part), -math.expm1(-part))
-        return scaled(old, self.before) + scaled(new, self.after)
+        """Return the wrench `age` s after the start."""
+        return aged(self.before, self.after, self.length, self.is_linear, age)
 
     def at(self, time_ns: int) -> HeldWrench:
         """Return the wrench at a time."""
         return self.aged((time_ns - self.since_ns) / NANOSECONDS)
 
     def sight(self, age: float) -> float:
-        """Return for how long (s) it can be predicted: a step over many time constants would skip it."""
-        return math.inf if self.is_linear else self.length * math.exp(min(age / self.length, _OVER))
+        """Return for how long (s) it can be predicted `age` s after the start."""
+        return sight(self.length, self.is_linear, age)
 
 
-def scaled(factor: float, held: HeldWrench) -> HeldWrench:
-    """Return a multiple of a wrench."""
-    return HeldWrench(*(scale(factor, part) for part in held))
+def aged(before: HeldWrench, after: HeldWrench, length: float, is_linear: bool, age: float) -> HeldWrench:
+    """Return the wrench of a `Transient` `age` s after its start.
+
+    With two weights the result is exact to a few roundings of itself, also where it begins or ends at zero.
+    """
+    part = age / length
+    if is_linear:
+        return combined(1.0 - part, before, part, after)
+    return combined(math.exp(-part), before, -math.expm1(-part), after)
+
+
+def sight(length: float, is_linear: bool, age: float) -> float:
+    """Return for how long (s) a `Transient` can be predicted: a step over many time constants would skip it."""
+    return math.inf if is_linear else length * math.exp(min(age / length, _OVER))
+
+
+def with_acting(acting: HeldWrench, force: Vector, torque: Vector, orientation: Quaternion) -> tuple[Vector, Vector]:
+    """Return force (world axes) and torque (principal axes) with those of a wrench, body parts in principal axes."""
+    force = add(force, add(acting.force_world, rotate(orientation, acting.force_body)))
+    return force, add(torque, add(acting.torque_body, rotate_inverse(orientation, acting.torque_world)))
 
 
 def seen_in_one_frame(held: HeldWrench, orientation: Quaternion, body: RigidBody | None) -> tuple[bool, Vector, Vector]:
@@ -98,6 +110,4 @@ class TransientLoad:
         acting = HeldWrench()
         for transient, age in zip(self._transients, self._ages, strict=True):
             acting = acting + transient.aged(age + t)
-        force = add(force, add(acting.force_world, rotate(orientation, acting.force_body)))
-        torque = add(torque, add(acting.torque_body, rotate_inverse(orientation, acting.torque_world)))
-        return force, torque
+        return with_acting(acting, force, torque, orientation)

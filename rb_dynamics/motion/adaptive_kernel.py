@@ -10,7 +10,7 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.loads.compiled_load import load_scales, strength
+from rb_dynamics.loads.compiled_load import begin_transients, load_scales, strength
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import (
@@ -118,6 +118,7 @@ def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -
 def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """As `AccuracyControl.stride`, under the load of effects."""
     inertia, _, effects = constants
+    begin_transients(effects, phase.high[13], phase.low[13])
     slowing, sight = load_scales(effects, _here(inertia, phase))
     if not sight > 0.0:
         return Stride(0, phase, learnt, 0.0)

@@ -27,7 +27,7 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any, Literal
 
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
-from rb_dynamics.loads.compiled_load import EffectLoad
+from rb_dynamics.loads.compiled_load import EffectLoad, begin_transients
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
@@ -118,6 +118,7 @@ _load = no_load
 
 def load_of_effects(effects: Any, high: Sums, low: Sums) -> EffectLoad:
     """Return the load of a step that starts with these sums; the numbers of the effects are at the end of `effects`."""
+    begin_transients(effects, high[13], low[13])
     return EffectLoad(effects, high[13] + low[13], (high[0] + low[0], high[1] + low[1], high[2] + low[2]))
 
 
@@ -135,8 +136,8 @@ def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Su
     """Return the load of a step that starts with these sums; effects in plain Python."""
     if load_from is None:
         return None
-    start = load_of_effects(load_from, high, low)
-    return load_from(Point(start.time, start.position, ZERO, IDENTITY, ZERO))
+    position = (high[0] + low[0], high[1] + low[1], high[2] + low[2])
+    return load_from(Point(high[13] + low[13], position, ZERO, IDENTITY, ZERO))
 
 
 def plain(method: Method, load: Callable[..., Any] = no_load) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:

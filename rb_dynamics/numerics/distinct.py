@@ -14,4 +14,5 @@ def distinct(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     import numpy as np
 
     ordered = np.sort(values)
-    return ordered[np.append(ordered[1:] != ordered[:-1], True)[: len(ordered)]]
+    kept: npt.NDArray[np.int64] = ordered[np.append(ordered[1:] != ordered[:-1], True)[: len(ordered)]]
+    return kept

@@ -33,6 +33,7 @@ from rb_dynamics.loads.command_channels import (
     WrenchChannels,
 )
 from rb_dynamics.loads.command_table import CommandBatch, listed
+from rb_dynamics.loads.compiled_load import Underway
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
@@ -306,7 +307,8 @@ class Simulation:
     def _goes_edge_by_edge(self) -> bool:
         """Whether a load or a sink needs edges one by one, because kernels do not support it."""
         load_from, scales = self._arc.load
-        acts = self._bank is not None or (load_from is not None and not scales.numbers)
+        # Sinks are told of a transient at each output.
+        acts = self._bank is not None or (load_from is not None and not scales.numbers) or scales.settled < math.inf
         return bool(acts or self._moves or self._sensing is not None)
 
     @property
@@ -971,9 +973,11 @@ class Simulation:
             self._wheels.settle(lambda: self._torque(start), start.angular_velocity, start.inner)
         numbers, gradually = None, None
         wheels: tuple[float, ...] = ()
-        # Transients and imbalances have no numbers for kernels.
-        if self._load_from is not None and not transients and (self._wheels is None or not self._wheels.imbalances):
-            numbers = self._effects.numbers(seconds, dipole, plugins=True)
+        # Imbalances have no numbers for kernels.
+        if self._load_from is not None and (self._wheels is None or not self._wheels.imbalances):
+            clock = self._phase.high[13], self._phase.low[13]
+            underway = [Underway(each, (self.time_ns - each.since_ns) / NANOSECONDS, *clock) for each in transients]
+            numbers = self._effects.numbers(seconds, dipole, plugins=True, underway=underway)
             wheels = self._wheels.now if self._wheels is not None and numbers else ()
         if transients:
             settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS

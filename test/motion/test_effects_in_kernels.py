@@ -23,9 +23,11 @@ from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.motion import METHODS, adaptive_kernel, fixed_step_kernel
+from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.scene import parse_scene
 from rb_dynamics.scene.model import Scene, Solver
 from test.support import motions
 
@@ -101,6 +103,59 @@ def test_so_has_a_run_under_each_effect(monkeypatch: pytest.MonkeyPatch, effects
         plain, compiled = told(monkeypatch, scene(solver, effects))
 
         assert plain == compiled
+
+
+GRADUAL = """
+body:
+  mass: 10
+  inertia: {matrix: [[0.2, 0.01, 0], [0.01, 0.3, 0.02], [0, 0.02, 0.25]]}
+  frames: {jet: {position: [0.1, 0.2, 0.05], orientation: {x: 0, y: 0, z: 0.6, w: 0.8}}}
+initial: {angular_velocity_body: [0.1, -0.2, 0.3]}
+wrenches: [{topic: wrench, lag: 0.2}, {topic: other, lag: 0.01}]
+actuators:
+  - {type: thruster, name: jet, frame: jet, force: 0.5, rise: 0.3, fall: 0.2}
+  - {type: reaction_wheel, name: wheel, axis: [0, 1, 1], inertia: 1.0e-3, max_torque: 0.01, command: torque, speed: 50}
+duration: 1.5
+output_rate: 7
+"""
+WHEEL = GRADUAL[GRADUAL.index("  - {type: reaction") : GRADUAL.index("duration")]
+
+
+@needs_numba
+@pytest.mark.parametrize("effects", ["", "effects: [{type: linear_drag, translation: 0.3, rotation: 0.05}]"])
+@pytest.mark.parametrize(
+    ("text", "solver"),
+    [
+        (GRADUAL.replace(WHEEL, ""), "rk4, step: 0.011"),
+        (GRADUAL.replace(WHEEL, ""), "rk4, accuracy: 1.0e-7"),
+        pytest.param(GRADUAL.replace(WHEEL, ""), "dop853, accuracy: 1.0e-9", marks=pytest.mark.slow),
+        (GRADUAL, "dop853, accuracy: 1.0e-9"),
+    ],
+    ids=["step", "doubling", "pair", "wheels"],
+)
+def test_so_has_a_run_with_lags_and_ramps(
+    monkeypatch: pytest.MonkeyPatch, text: str, solver: str, effects: str
+) -> None:
+    scene, found = parse_scene(f"{text}{effects}\nsolver: {{method: {solver}}}\n"), []
+    begun, steps, in_plain_python = Stepper._arguments, [], 0
+    monkeypatch.setattr(Stepper, "_arguments", lambda *of: steps.append(of) or begun(*of))
+    for when in ("never", "always"):
+        in_plain_python = len(steps)
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        with fixed_step_kernel.counted_by(fixed_step_kernel.Tally()):
+            run = Simulation(scene, [sink := motions.Recorder()])
+            run.start()
+            run.post("wrench", Wrench((1.0, 0.0, 0.0), (0.0, 0.05, 0.0), "world"), 300_000_000)
+            run.post("other", Wrench((0.0, 0.5, 0.0), (0.02, 0.0, 0.0), "jet"), 400_000_001)
+            run.actuate("jet/command", 1.0, 200_000_000)
+            run.actuate("jet/command", 0.0, 900_000_000)
+            for part in range(1, 4 if when == "always" else 2):
+                run.advance(part * NANOSECONDS // 2 if when == "always" else 2 * NANOSECONDS)
+            run.finish()
+        found.append((repr(sink.events), sink.result, run.acceleration))
+    assert found[0] == found[1]
+    # Each step that is not compiled begins with this.
+    assert len(steps) == in_plain_python > 20
 
 
 @needs_numba
