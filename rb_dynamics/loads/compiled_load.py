@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 # Numbers of one effect: its kind and its parameters. After the last effect comes the number of effects. All are at the
 # end of a kernel's array, whatever precedes them. A function of a plug-in has its kind, its cell, and how far back
 # its own numbers are, which precede those of all effects. A transient likewise has how far back its wrenches are; then
-# its age at the start of the arc, the sum of the time there and its rounding error, its length, whether it is linear,
-# and its age at the start of the present step.
+# its age at the start of the arc, the sum of the time there and its rounding error, its length, and whether it is
+# linear. Transients come last.
 WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
 _LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN, _TRANSIENT = 6.0, 7.0, 8.0, 9.0
@@ -85,6 +85,22 @@ class EffectLoad(NamedTuple):
     numbers: Numbers
     time: float
     position: Vector
+
+
+class GradualLoad(NamedTuple):
+    """The same, with transients.
+
+    Attributes:
+        numbers: as for `EffectLoad`, as `time` and `position`.
+        high: the sum of the time at the start, s, see `PhaseState`.
+        low: its rounding error.
+    """
+
+    numbers: Numbers
+    time: float
+    position: Vector
+    high: float
+    low: float
 
 
 def effect_numbers(
@@ -206,32 +222,42 @@ def evaluated_by_numbers(
     count = int(c[len(c) - 1])
     i = len(c) - 1 - count * WIDTH
     here = Point(load.time + t, add(load.position, displacement), velocity, orientation, angular_velocity)
-    force, torque = ZERO, ZERO
-    if c[i] != _TRANSIENT:
-        force, torque = _load(c, i, here)
+    force, torque = _load(c, i, here)
     for k in range(1, count):
         if c[i + k * WIDTH] <= _LOAD_OF_PLUGIN:
             more_force, more_torque = _load(c, i + k * WIDTH, here)
             force, torque = add(force, more_force), add(torque, more_torque)
-    if c[len(c) - 1 - WIDTH] != _TRANSIENT:
-        return force, torque
-    acting = HeldWrench(ZERO, ZERO, ZERO, ZERO)
+    return force, torque
+
+
+@compiled_by(evaluated, GradualLoad)
+def evaluated_with_transients(
+    load: GradualLoad,
+    t: float,
+    displacement: Vector,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+) -> tuple[Vector, Vector]:
+    """Return the same with transients, whose sum is added last, as in `TransientLoad`."""
+    c, force, torque, acting = load.numbers, ZERO, ZERO, HeldWrench(ZERO, ZERO, ZERO, ZERO)
+    count = int(c[len(c) - 1])
+    i = len(c) - 1 - count * WIDTH
+    if c[i] != _TRANSIENT:
+        at = EffectLoad(c, load.time, load.position)
+        force, torque = evaluated_by_numbers(at, t, displacement, velocity, orientation, angular_velocity)
     for k in range(count):
         j = i + k * WIDTH
         if c[j] == _TRANSIENT:
-            own = j - int(c[j + 1])
-            gradual = aged(_held_at(c, own), _held_at(c, own + 12), c[j + 5], c[j + 6] != 0.0, c[j + 7] + t)
+            own, age = j - int(c[j + 1]), _age_at(c, j, load.high, load.low)
+            gradual = aged(_held_at(c, own), _held_at(c, own + 12), c[j + 5], c[j + 6] != 0.0, age + t)
             acting = combined(1.0, acting, 1.0, gradual)
     return with_acting(acting, force, torque, orientation)
 
 
-def begin_transients(c: Numbers, high: float, low: float) -> None:
-    """Prepare the transients at the end of `c` for a step; `high` and `low` are the sum of the time at its start."""
-    end = len(c) - 1
-    for k in range(int(c[end])):
-        i = end - (k + 1) * WIDTH
-        if c[i] == _TRANSIENT:
-            c[i + 7] = c[i + 2] + ((high - c[i + 3]) + (low - c[i + 4]))
+def _age_at(c: Numbers, j: int, high: float, low: float) -> float:
+    age: float = c[j + 2] + ((high - c[j + 3]) + (low - c[j + 4]))
+    return age
 
 
 def has_effects(c: Numbers) -> bool:
@@ -246,7 +272,7 @@ def is_attraction_or_none(c: Numbers) -> bool:
 
 
 def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
-    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`, `begin_transients`.
+    """Return slowing (1/s) and sight (s) of the effects at the end of `c`; see `CombinedEffects`.
 
     The sight is 0 where plain Python refuses what a plug-in gives.
     """
@@ -265,9 +291,17 @@ def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
         elif c[i] == _SIGHT_OF_PLUGIN:
             ahead = scale_at(c[i + 1], c, i - int(c[i + 2]), here)
             sight = min(sight, ahead) if ahead > 0.0 else 0.0
-        elif c[i] == _TRANSIENT:
-            sight = min(sight, sight_of_transient(c[i + 5], c[i + 6] != 0.0, c[i + 7]))
     return slowing, sight
+
+
+def sight_of_transients(c: Numbers, high: float, low: float) -> float:
+    """Return for how long (s) the transients can be predicted from a phase with this sum of the time."""
+    count, sight = int(c[len(c) - 1]), math.inf
+    for k in range(count):
+        i = len(c) - 1 - (count - k) * WIDTH
+        if c[i] == _TRANSIENT:
+            sight = min(sight, sight_of_transient(c[i + 5], c[i + 6] != 0.0, _age_at(c, i, high, low)))
+    return sight
 
 
 def strength(c: Numbers, here: Point) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -41,7 +42,7 @@ class Transient(NamedTuple):
     @property
     def end_ns(self) -> int:
         """End time."""
-        return self.since_ns + max(1, nanoseconds(self.length if self.is_linear else _OVER * self.length))
+        return self.since_ns + _lasting_ns(self.length if self.is_linear else _OVER * self.length)
 
     def aged(self, age: float) -> HeldWrench:
         """Return the wrench `age` s after the start."""
@@ -54,6 +55,12 @@ class Transient(NamedTuple):
     def sight(self, age: float) -> float:
         """Return for how long (s) it can be predicted `age` s after the start."""
         return sight(self.length, self.is_linear, age)
+
+
+# Asked several times at each edge, where exact rounding takes longer than a compiled step.
+@lru_cache(maxsize=64)
+def _lasting_ns(length: float) -> int:
+    return max(1, nanoseconds(length))
 
 
 def aged(before: HeldWrench, after: HeldWrench, length: float, is_linear: bool, age: float) -> HeldWrench:

@@ -10,16 +10,10 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.loads.compiled_load import begin_transients, load_scales, strength
+from rb_dynamics.loads.compiled_load import load_scales, sight_of_transients, strength
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.fixed_step_kernel import (
-    WITH_EFFECTS,
-    OnDemand,
-    compiles,
-    load_of_effects,
-    no_load,
-)
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, compiles, load_of, no_load
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -118,8 +112,8 @@ def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -
 def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """As `AccuracyControl.stride`, under the load of effects."""
     inertia, _, effects = constants
-    begin_transients(effects, phase.high[13], phase.low[13])
     slowing, sight = load_scales(effects, _here(inertia, phase))
+    sight = min(sight, sight_of_transients(effects, phase.high[13], phase.low[13]))
     if not sight > 0.0:
         return Stride(0, phase, learnt, 0.0)
     g, known = goal, learnt
@@ -236,10 +230,10 @@ _STEPS_IN_A_STRIDE = {"doubling": 3.0, "pair": 1.5, "own": 1.5}
 class Strides(OnDemand):
     """Kernel for strides of one method with one kind of control."""
 
-    def __init__(self, method: Method, kind: str, *, effects: bool = False) -> None:
-        """Prepare, without compiling. `kind` is "doubling", "pair" or "own"; `effects`: for scenes with effects."""
-        name = f"strides_by_{kind}_{method.name}{WITH_EFFECTS if effects else ''}"
-        load = load_of_effects if effects else no_load
+    def __init__(self, method: Method, kind: str, *, effects: bool = False, gradual: bool = False) -> None:
+        """Prepare, without compiling. `kind` is "doubling", "pair" or "own"; the rest as for `Kernel`."""
+        suffix, load = load_of(effects=effects, gradual=gradual)
+        name = f"strides_by_{kind}_{method.name}{suffix}"
         step = specialise(_stepped, f"{name}_step", _step=method.step, _load=load)
         if kind == "own":
             longest = specialise(_longest, f"{name}_longest", _longest_step=method.longest_step)
@@ -288,23 +282,24 @@ def _known(numbers: tuple[float, ...]) -> tuple[PhaseState, Learnt]:
     return phase_of(numbers[:PHASE]), Learnt(*numbers[PHASE:])
 
 
-def strides_of(method: Method, *, effects: bool = False) -> Strides | None:
+def strides_of(method: Method, *, effects: bool = False, gradual: bool = False) -> Strides | None:
     """Return the kernel for `method` with the control that suits it, None if there is none."""
     if method.order is None:
         return None
-    return _strides(method, "own" if method.longest_step else "pair" if method.pair else "doubling", effects=effects)
+    kind = "own" if method.longest_step else "pair" if method.pair else "doubling"
+    return _strides(method, kind, effects=effects, gradual=gradual)
 
 
-def strides_by(method: Method, control: StepControl, *, effects: bool = False) -> Strides | None:
-    """Return the kernel for `method` with `control`, for scenes with or without effects; None if there is none."""
+def strides_by(method: Method, control: StepControl, *, effects: bool = False, gradual: bool = False) -> Strides | None:
+    """Return the kernel for `method` with `control`, as for `Kernel`; None if there is none."""
     if isinstance(control, OwnControl):
-        return _strides(method, "own", effects=effects)
+        return _strides(method, "own", effects=effects, gradual=gradual)
     if isinstance(control, AccuracyControl):
-        return _strides(method, "pair" if control.embedded else "doubling", effects=effects)
+        return _strides(method, "pair" if control.embedded else "doubling", effects=effects, gradual=gradual)
     return None
 
 
 @cache
-def _strides(method: Method, kind: str, *, effects: bool) -> Strides | None:
+def _strides(method: Method, kind: str, *, effects: bool, gradual: bool) -> Strides | None:
     able = compiles(method, effects=effects) and not (effects and kind == "own")
-    return Strides(method, kind, effects=effects) if able else None
+    return Strides(method, kind, effects=effects, gradual=gradual) if able else None

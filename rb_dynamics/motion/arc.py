@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
-from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, kernel
+from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
@@ -300,7 +300,9 @@ class Stepper:
         self._with_wheels: StatefulSteps | None = None
         if scales.wheels and (kernels := stateful_kernels(method)) is not None:
             self._with_wheels = StatefulSteps(kernels, inertia, held, scales.wheels, scales.numbers)
-        self._kernel = kernel(method, effects=bool(self._effects)) if self._compiles else None
+        self._gradual = bool(self._effects) and scales.settled < math.inf
+        found = gradual_kernel(method) if self._gradual else kernel(method, effects=bool(self._effects))
+        self._kernel = found if self._compiles else None
 
     def __call__(self, phase: PhaseState, h: float) -> PhaseState:
         """Return the phase after a step of h s."""
@@ -318,7 +320,9 @@ class Stepper:
 
     def strides(self, control: StepControl) -> Strides | None:
         """Return the kernel for strides by `control`; None if there is none."""
-        return strides_by(self._method, control, effects=bool(self._effects)) if self._compiles else None
+        if not self._compiles:
+            return None
+        return strides_by(self._method, control, effects=bool(self._effects), gradual=self._gradual)
 
     def progress(
         self,

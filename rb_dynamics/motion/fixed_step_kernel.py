@@ -27,7 +27,7 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any, Literal
 
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
-from rb_dynamics.loads.compiled_load import EffectLoad, begin_transients
+from rb_dynamics.loads.compiled_load import EffectLoad, GradualLoad
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
@@ -118,8 +118,20 @@ _load = no_load
 
 def load_of_effects(effects: Any, high: Sums, low: Sums) -> EffectLoad:
     """Return the load of a step that starts with these sums; the numbers of the effects are at the end of `effects`."""
-    begin_transients(effects, high[13], low[13])
     return EffectLoad(effects, high[13] + low[13], (high[0] + low[0], high[1] + low[1], high[2] + low[2]))
+
+
+def load_with_transients(effects: Any, high: Sums, low: Sums) -> GradualLoad:
+    """Return the same with transients."""
+    at = load_of_effects(effects, high, low)
+    return GradualLoad(effects, at.time, at.position, high[13], low[13])
+
+
+def load_of(*, effects: bool, gradual: bool) -> tuple[str, Callable[..., Any]]:
+    """Return the suffix of the names of kernels, and the load of their steps."""
+    if gradual:
+        return "_with_transients", load_with_transients
+    return (WITH_EFFECTS, load_of_effects) if effects else ("", no_load)
 
 
 def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
@@ -330,12 +342,13 @@ class OnDemand:
 class Kernel(OnDemand):
     """Kernel for fixed steps of one method."""
 
-    def __init__(self, method: Method, *, effects: bool = False) -> None:
-        """Prepare, without compiling. `effects`: for scenes with effects."""
+    def __init__(self, method: Method, *, effects: bool = False, gradual: bool = False) -> None:
+        """Prepare, without compiling. `effects`: for scenes with effects; `gradual`: while there are transients."""
         name, run = f"{_run_on_numbers.__name__}_{method.name}", plain(method)
-        if effects:
-            name += WITH_EFFECTS
-            run = specialise(run, f"{run.__name__}{WITH_EFFECTS}", _load=load_of_effects)
+        suffix, load = load_of(effects=effects, gradual=gradual)
+        if suffix:
+            name += suffix
+            run = specialise(run, f"{run.__name__}{suffix}", _load=load)
         super().__init__(method.name, specialise(_run_on_numbers, name, run=run), _SIGNATURE)
 
     def after(
@@ -385,6 +398,12 @@ def takes_compiled(method: Method, takes: LoadDependence) -> bool:
 def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
     """Return the kernel of `method`, for scenes with or without effects; None if it cannot be compiled."""
     return Kernel(method, effects=effects) if compiles(method, effects=effects) else None
+
+
+@cache
+def gradual_kernel(method: Method) -> Kernel | None:
+    """Return the kernel of `method` while there are transients; None if it cannot be compiled."""
+    return Kernel(method, effects=True, gradual=True) if compiles(method, effects=True) else None
 
 
 def longest_in_plain(method: Method) -> float:

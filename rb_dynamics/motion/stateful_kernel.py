@@ -13,7 +13,7 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.loads.compiled_load import EffectLoad, begin_transients, evaluated_by_numbers, has_effects
+from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, has_effects
 from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.wheel_numbers import inner_torque, length_of, momentum_in, states_of
 from rb_dynamics.loads.wrench import HeldWrench
@@ -124,7 +124,6 @@ def _gain(c: Numbers, h: float, row: int, stages: int) -> None:
 def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> CompiledWheelLoad:
     """Return the load of a step from `start`, before its first stage."""
     c[STAGE] = 0.0
-    begin_transients(c, start.high[13], start.low[13])
     return CompiledWheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
 
 

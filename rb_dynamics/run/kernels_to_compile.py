@@ -9,7 +9,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.adaptive_kernel import strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import mover
-from rb_dynamics.motion.fixed_step_kernel import OnDemand, kernel
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, gradual_kernel, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
@@ -32,7 +32,11 @@ def usual_kernels() -> dict[str, OnDemand]:
 def all_kernels() -> dict[str, OnDemand]:
     """Return all kernels, those of plug-ins included."""
     methods = METHODS.usable()
-    others = (each for m in methods for each in (*_of(m), *_of(m, effects=True), *_side_by_side(m), *_with_wheels(m)))
+    others = (
+        each
+        for m in methods
+        for each in (*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m), *_with_wheels(m))
+    )
     return usual_kernels() | _by_name(
         [FREE_STATES, ADVANCE_ALL, *map(pairs_of, COUNTS), READ_ALL, FIND_TRUTHS, *others]
     )
@@ -40,6 +44,10 @@ def all_kernels() -> dict[str, OnDemand]:
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:
     return kernel(method, effects=effects), strides_of(method, effects=effects)
+
+
+def _while_gradual(method: Method) -> Iterable[OnDemand | None]:
+    return gradual_kernel(method), strides_of(method, effects=True, gradual=True)
 
 
 def _with_wheels(method: Method) -> Iterable[OnDemand | None]:

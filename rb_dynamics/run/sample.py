@@ -134,13 +134,14 @@ class SampleBuilder:
         speeds = motor = heat = None
         if self._wheels is not None:
             # Motors and friction do work on body and wheels; their inner torque exchanges momentum between the two.
-            inner = self._wheels.stored(phase.angular_velocity, phase.inner)
-            motor, heat, power, impulse = self._wheels.booked(phase.inner)
+            states = phase.inner
+            inner = self._wheels.stored(phase.angular_velocity, states)
+            motor, heat, power, impulse = self._wheels.booked(states)
             held = rotate(phase.orientation, inner.momentum)
             energy, work, spin = energy + inner.energy, work + power, add(spin, held)
             energy_defect += inner.energy - self._inner[0] - power
             spin_defect = add(spin_defect, add(subtract(held, self._inner[1]), impulse))
-            speeds = self._wheels.speeds(phase.angular_velocity, phase.inner)
+            speeds = self._wheels.speeds(phase.angular_velocity, states)
         return Sample(
             time_ns=time_ns,
             position_world=state.position_world,

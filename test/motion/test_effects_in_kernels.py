@@ -114,29 +114,19 @@ initial: {angular_velocity_body: [0.1, -0.2, 0.3]}
 wrenches: [{topic: wrench, lag: 0.2}, {topic: other, lag: 0.01}]
 actuators:
   - {type: thruster, name: jet, frame: jet, force: 0.5, rise: 0.3, fall: 0.2}
-  - {type: reaction_wheel, name: wheel, axis: [0, 1, 1], inertia: 1.0e-3, max_torque: 0.01, command: torque, speed: 50}
 duration: 1.5
 output_rate: 7
 """
-WHEEL = GRADUAL[GRADUAL.index("  - {type: reaction") : GRADUAL.index("duration")]
 
 
 @needs_numba
 @pytest.mark.parametrize("effects", ["", "effects: [{type: linear_drag, translation: 0.3, rotation: 0.05}]"])
 @pytest.mark.parametrize(
-    ("text", "solver"),
-    [
-        (GRADUAL.replace(WHEEL, ""), "rk4, step: 0.011"),
-        (GRADUAL.replace(WHEEL, ""), "rk4, accuracy: 1.0e-7"),
-        pytest.param(GRADUAL.replace(WHEEL, ""), "dop853, accuracy: 1.0e-9", marks=pytest.mark.slow),
-        (GRADUAL, "dop853, accuracy: 1.0e-9"),
-    ],
-    ids=["step", "doubling", "pair", "wheels"],
+    "solver",
+    ["rk4, step: 0.011", "rk4, accuracy: 1.0e-7", pytest.param("dop853, accuracy: 1.0e-9", marks=pytest.mark.slow)],
 )
-def test_so_has_a_run_with_lags_and_ramps(
-    monkeypatch: pytest.MonkeyPatch, text: str, solver: str, effects: str
-) -> None:
-    scene, found = parse_scene(f"{text}{effects}\nsolver: {{method: {solver}}}\n"), []
+def test_so_has_a_run_with_lags_and_ramps(monkeypatch: pytest.MonkeyPatch, solver: str, effects: str) -> None:
+    scene, found = parse_scene(f"{GRADUAL}{effects}\nsolver: {{method: {solver}}}\n"), []
     begun, steps, in_plain_python = Stepper._arguments, [], 0
     monkeypatch.setattr(Stepper, "_arguments", lambda *of: steps.append(of) or begun(*of))
     for when in ("never", "always"):
