@@ -91,7 +91,7 @@ class GradualLoad(NamedTuple):
     """The same, with transients.
 
     Attributes:
-        numbers: as for `EffectLoad`, as `time` and `position`.
+        numbers: as for `EffectLoad`, like `time` and `position`.
         high: the sum of the time at the start, s, see `PhaseState`.
         low: its rounding error.
     """

@@ -148,8 +148,8 @@ def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Su
     """Return the load of a step that starts with these sums; effects in plain Python."""
     if load_from is None:
         return None
-    position = (high[0] + low[0], high[1] + low[1], high[2] + low[2])
-    return load_from(Point(high[13] + low[13], position, ZERO, IDENTITY, ZERO))
+    start = load_of_effects(load_from, high, low)
+    return load_from(Point(start.time, start.position, ZERO, IDENTITY, ZERO))
 
 
 def plain(method: Method, load: Callable[..., Any] = no_load) -> Callable[..., tuple[Quaternion, Vector, Sums, Sums]]:
