@@ -9,21 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.first_guess import first_guess
-from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight, Stream
+from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.multiple_shooting import joined
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
+from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
+from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of, largest, noise_shown
+from rb_dynamics.analysis.identification.stacked_rows import information, sane, stacked, tame, triangle
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
-
-Key = tuple[str, str]
 
 # Plausible values lie within this many units of a parameter. It keeps what no measurement determines at its start, and
 # hardly changes what is determined.
@@ -31,10 +32,6 @@ _FAR = 30.0
 # rad turned in the first piece of a flight, and how much longer each piece is than the one before.
 _FIRST_PIECE = 3.0
 _LONGER = 3.0
-# Of the motion, or times the noise, what a prediction may be off: a fit from one that is off by more may go astray.
-_ASTRAY, _ASTRAY_IN_NOISE = 0.2, 10.0
-# rad by which a piece grows at least where it must be short, and how many flights all such pieces may add up to.
-_SHORTEST, _PATIENCE = 0.5, 10.0
 # Two fits are the same minimum if their costs differ by this fraction.
 _SAME = 1e-3
 _COARSE = 1e-3
@@ -42,44 +39,14 @@ _COARSE = 1e-3
 _OTHER_SIZE = 2.0
 # Of the misfit of the scene, what that of the balances is at most if they are nearer.
 _NEARER = 0.1
-# Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
-_FLOOR = 1e-6
 # Residuals up to this many times the noise leave nothing to look for.
 _ENOUGH = 1.3
 _ITERATIONS = 80
 # Of the cost: a gain that its rounding may hide.
 _ROUNDING = 1e-11
-# Of the noise: a larger one is not that of a moving body.
-_RUNAWAY = 1e12
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
 _SMALLEST_TURN = 2e-3
-# Of a matrix that are decomposed at a time: no large one is copied.
-_ROWS = 1 << 14
-
-
-class Fit(NamedTuple):
-    """The outcome of `fitted`.
-
-    Attributes:
-        z: parameters.
-        noise: standard deviation of one component of a sample, by topic and kind.
-        predicted: what is left of each stream; without derivatives.
-        weighted: (n, p), derivatives over noise.
-        left: (n,), residuals over noise.
-        starts: fits that were tried.
-        agreeing: how many of them found the best minimum.
-        converged: whether the best one converged.
-    """
-
-    z: Array
-    noise: dict[Key, float]
-    predicted: list[Predicted]
-    weighted: Array
-    left: Array
-    starts: int
-    agreeing: int
-    converged: bool
 
 
 @dataclass
@@ -109,18 +76,21 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     tries = _starts(model, starts, noise, _ends(model, pieces[0]), seed)
     bar = _Progress(progress, len(tries) * len(pieces) + 2)
     # A search need not be more exact than that, and a recording without noise would keep it long.
-    coarse = {key: max(level, _COARSE * _largest(model, key)) for key, level in noise.items()}
+    coarse = {key: max(level, _COARSE * largest(model, key)) for key, level in noise.items()}
     found: list[tuple[Any, Any]] = []
+    followed_so_far: list[Array] = []
     for start in tries:
-        at, longest, reached = start, None, 0.0
+        at, longest, follows = start, None, start
         for piece in pieces[:-1]:
-            longest, reached = _longer(model, at, coarse, loss, reached, piece)
+            longest = _least_squares(model, at, coarse, loss, _ends(model, piece))
             at = longest.x
+            follows = at if _leaves_noise(model, longest, piece) else follows
             bar.step()
+        followed_so_far.append(follows)
         # A start that comes to the minimum of another in the longest piece would go on like that.
         whole = next((each for other, each in found if _same_minimum(other, longest)), None)
         if whole is None:
-            whole, _ = _longer(model, at, coarse, loss, reached, np.inf)
+            whole = _least_squares(model, at, coarse, loss, None)
             if coarse != noise:
                 whole = _least_squares(model, whole.x, noise, loss, None)
         bar.step()
@@ -131,9 +101,48 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
     agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
-    found_fit = settled(model, best.x, noise, loss, bool(best.status > 0))
+    found_fit = _settled_or_joined(model, best, followed_so_far, noise, loss)
     bar.step()
     return found_fit._replace(starts=len(found), agreeing=agreeing)
+
+
+def _settled_or_joined(model: Model, best: Any, starts: Sequence[Array], noise: dict[Key, float], loss: str) -> Fit:
+    """Return the fit near the best one; or, if that leaves more than noise, the one that joined segments lead to.
+
+    Raises:
+        LogError: the motion diverges.
+    """
+    fits: list[Fit] = []
+    lost = LogError("")
+    try:
+        fits.append(settled(model, best.x, noise, loss, bool(best.status > 0)))
+        if _only_noise(model, fits[0]):
+            return fits[0]
+    except LogError as error:
+        lost = error
+    found = joined(model, starts, noise, _FAR)
+    if found is not None and not found.disturbance:
+        try:
+            fits.append(settled(model, found.z, noise, loss))
+            if _only_noise(model, fits[-1]):
+                return fits[-1]
+        except LogError:
+            # Errors grow so fast along the flight that the numbers of its start have too few digits.
+            pass
+    if fits:
+        return min(fits, key=_spread)._replace(joined=found)
+    if found is None:
+        raise lost
+    return found
+
+
+def _only_noise(model: Model, fit: Fit) -> bool:
+    return fit.converged and all(each.white and each.explained for each in residuals_of(model, fit, fit_bands(fit)))
+
+
+def _spread(fit: Fit) -> float:
+    """Return how much a fit leaves: the mean logarithm of its noise."""
+    return sum(each.left.size * float(np.log(fit.noise[each.key])) for each in fit.predicted)
 
 
 def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:
@@ -144,45 +153,9 @@ def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:
 
 def followed(model: Model, z: Array, noise: dict[Key, float]) -> Array:
     """Return the parameters of the fit from one start, with this noise."""
-    reached = 0.0
     for piece in _pieces(model):
-        found, reached = _longer(model, z, noise, "linear", reached, piece)
-        z = found.x
+        z = _least_squares(model, z, noise, "linear", _ends(model, piece)).x
     return z
-
-
-def _longer(
-    model: Model, z: Array, noise: dict[Key, float], loss: str, reached: float, piece: float
-) -> tuple[Any, float]:
-    """Return the fit to a piece and, if that leaves only noise, its length; else 0.
-
-    `reached` is that of the fit `z`. If from there the motion is lost, the piece grows in steps that are foreseen.
-    """
-    found = _least_squares(model, z, noise, loss, _ends(model, piece))
-    if _leaves_noise(model, found, piece):
-        return found, piece
-    whole = max(_angles(model))
-    last = min(piece, whole)
-    patience = _PATIENCE * whole
-    end = _foreseen(model, z, noise, reached, piece) if reached else last
-    # What is foreseen is not lost: the model does not explain it.
-    while end < last and patience > 0.0:
-        nearer = _least_squares(model, z, noise, loss, _ends(model, end))
-        patience -= end
-        if _leaves_noise(model, nearer, end):
-            z, reached = nearer.x, end
-            end = min(_foreseen(model, z, noise, reached, piece), _LONGER * reached)
-            if end >= last:
-                again = _least_squares(model, z, noise, loss, _ends(model, piece))
-                if _leaves_noise(model, again, piece):
-                    return again, piece
-                found = min(found, again, key=lambda each: float(each.cost))
-                break
-        else:
-            end = 0.5 * (reached + end)
-            if end - reached < _SHORTEST:
-                break
-    return found, 0.0
 
 
 def _leaves_noise(model: Model, fit: Any, piece: float) -> bool:
@@ -191,22 +164,6 @@ def _leaves_noise(model: Model, fit: Any, piece: float) -> bool:
     flights = model.flights if ends is None else [f.until(end) for f, end in zip(model.flights, ends, strict=True)]
     count = 3 * sum(len(stream.time_ns) for flight in flights for stream in flight.streams)
     return bool(2.0 * fit.cost <= (1.0 + _ENOUGH**2) * count + len(fit.x))
-
-
-def _foreseen(model: Model, z: Array, noise: dict[Key, float], reached: float, piece: float) -> float:
-    """Return how far (rad turned) parameters predict the motion from `reached` on: so far at least, `piece` at most."""
-    least = reached + 2.0 * _SHORTEST
-    found = piece
-    for each in model.predict(z, _ends(model, piece), derivatives=False):
-        start, first = model.starts[each.flight], model.flights[each.flight].span_ns[0]
-        angles = start.fastest * 1e-9 * (each.time_ns - first)
-        new = angles > reached
-        squares = np.cumsum(np.nan_to_num(np.mean(each.left[new] ** 2, axis=1), nan=np.inf))
-        most = min(_ASTRAY * _largest(model, each.key), _ASTRAY_IN_NOISE * noise[each.key])
-        off = squares > most**2 * np.arange(1, len(squares) + 1)
-        if off.any():
-            found = min(found, float(angles[new][int(off.argmax())]))
-    return max(found, least)
 
 
 def _same_minimum(one: Any, other: Any) -> bool:
@@ -246,33 +203,6 @@ def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
     return all(
         float(np.sqrt(np.mean(p.left**2))) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False)
     )
-
-
-def _streams(model: Model) -> dict[Key, list[Stream]]:
-    found: dict[Key, list[Stream]] = {}
-    for flight in model.flights:
-        for stream in flight.streams:
-            if len(stream.time_ns):
-                found.setdefault((stream.topic, stream.kind), []).append(stream)
-    return found
-
-
-def _noise_of(streams: Sequence[Stream]) -> float:
-    """Return the noise that third differences show, which neither smooth motion nor a few wild samples change much."""
-    every = np.abs(np.concatenate([_third_differences(stream).ravel() for stream in streams]))
-    if not len(every):
-        return 0.0
-    # Of a coarse sensor most differences may be zero.
-    usual = 1.4826 * float(np.median(every)) or float(np.sqrt(np.mean(every**2)))
-    return usual / float(np.sqrt(20.0))
-
-
-def _third_differences(stream: Stream) -> Array:
-    values = stream.values
-    if stream.kind == ATTITUDE:
-        steps = rotations.logarithms(rotations.products(rotations.conjugates(values[:-1]), values[1:]))
-        return np.diff(steps, n=2, axis=0)
-    return np.diff(values, n=3, axis=0)
 
 
 def _angles(model: Model) -> list[float]:
@@ -391,11 +321,7 @@ def _against_plausible(
     rows = [np.column_stack([np.eye(count) / _FAR, z / _FAR])]
     samples = 0
     for block in model.blocks(z, until):
-        left, by = stacked(block, noise)
-        # If the motion diverges, the squares of its numbers are not finite.
-        if not sane(left, by):
-            left = np.nan_to_num(np.clip(left, -_RUNAWAY, _RUNAWAY), nan=_RUNAWAY)
-            by = np.nan_to_num(np.clip(by, -_RUNAWAY, _RUNAWAY), nan=0.0)
+        left, by = tame(*stacked(block, noise))
         samples += len(left)
         both = np.column_stack([by, left])
         rows.append(triangle(both) if loss == "linear" else both)
@@ -404,32 +330,6 @@ def _against_plausible(
     if loss == "linear":
         every = triangle(every)
     return every[:, -1], every[:, :-1]
-
-
-def triangle(matrix: Array) -> Array:
-    """Return R of the QR decomposition, block by block: with small matrices LAPACK does not wait for threads."""
-    count, columns = matrix.shape
-    if count > _ROWS > columns:
-        return triangle(np.vstack([triangle(matrix[row : row + _ROWS]) for row in range(0, count, _ROWS)]))
-    block = 4 * columns
-    while len(matrix) > 2 * block:
-        padded = np.vstack([matrix, np.zeros((-len(matrix) % block, columns))])
-        matrix = np.asarray(np.linalg.qr(padded.reshape(-1, block, columns), mode="r")).reshape(-1, columns)
-    return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
-
-
-def information(by: Array) -> Array:
-    """Return J^T J of derivatives over noise."""
-    root = triangle(by)
-    found: Array = root.T @ root
-    return found
-
-
-def stacked(predicted: Sequence[Predicted], noise: dict[Key, float]) -> tuple[Array, Array]:
-    """Return residuals (n,) and derivatives (n, p) of all streams over noise, one below the other."""
-    left = [each.left.ravel() / noise[each.key] for each in predicted]
-    by = [each.by.reshape(each.left.size, each.by.shape[2]) / noise[each.key] for each in predicted]
-    return np.concatenate(left), np.vstack(by)
 
 
 def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predicted]:
@@ -448,12 +348,6 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
     return predicted
 
 
-def sane(*parts: Array, unit: float = 1.0) -> bool:
-    """Return whether residuals and derivatives, in units of the noise, are finite and have not diverged."""
-    largest = (max(float(each.max(initial=0.0)), -float(each.min(initial=0.0))) for each in parts)
-    return all(each < _RUNAWAY * unit for each in largest)
-
-
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor that the residuals show, with the degrees of freedom that the fit took."""
     told = [information(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] ** 2 for each in predicted]
@@ -469,22 +363,6 @@ def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, fl
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
         found[key] = max(float(level), floor_of(model, key))
     return found
-
-
-def noise_shown(model: Model) -> dict[Key, float]:
-    """Return the noise of each sensor that its own differences show, whatever the model."""
-    return {key: max(_noise_of(streams), floor_of(model, key)) for key, streams in _streams(model).items()}
-
-
-def floor_of(model: Model, key: Key) -> float:
-    """Return the least noise that a sensor is believed to have."""
-    return _FLOOR * _largest(model, key)
-
-
-def _largest(model: Model, key: Key) -> float:
-    """Return the largest number of a sensor, 1 rad of an attitude."""
-    sizes = [1.0 if s.kind == ATTITUDE else float(np.abs(s.values).max(initial=0.0)) for s in _streams(model)[key]]
-    return max(*sizes, 1e-9)
 
 
 def _refine(model: Model, z: Array, noise: dict[Key, float], predicted: Sequence[Predicted]) -> bool:

@@ -17,14 +17,15 @@ import numpy as np
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.coloured_noise import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
-from rb_dynamics.analysis.identification.estimation import LOSSES, Fit, fitted, information
+from rb_dynamics.analysis.identification.estimation import LOSSES, fitted
 from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.missing_parameters import CHANCE, TOLD, Omission, Trial, best_with, trials
+from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.one_body import Estimate, chance_of_one_body, model_of_others, predicting
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
-from rb_dynamics.analysis.identification.residuals import Residuals, fit_bands, residuals_of
-from rb_dynamics.analysis.identification.segments import in_segments
+from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
+from rb_dynamics.analysis.identification.stacked_rows import information
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
@@ -313,8 +314,6 @@ def identify(
     # A fit waits for its kernel: without it each flight takes a hundred times as long.
     with counted_by(Tally()):
         result, report = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
-        if not result.converged or not all(each.white and each.explained for each in result.residuals):
-            result, report = _of_segments(model, names, loss, starts, seed, result, report)
     if held_out:
         rest = predicting(report.model, report.z, result.scene, held_out)
         alone = fitted(rest, 1, loss, seed)
@@ -322,35 +321,6 @@ def identify(
         if result.validated is False:
             result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
     return result
-
-
-def _of_segments(
-    model: Model, names: Sequence[str], loss: str, starts: int, seed: int, result: Identification, report: _Report
-) -> tuple[Identification, _Report]:
-    """Return what segments of the flights say if they leave only noise; `result` and `report`, of the whole, otherwise.
-
-    That is kept also if it explains the recordings and agrees with the segments: it may be more exact.
-    """
-    segments = in_segments(model)
-    if not segments:
-        return result, report
-    other = model_of_others(model, np.zeros(model.layout.count), segments)
-    try:
-        found, of_segments = _completed(other, fitted(other, min(starts, 2), loss, seed), names, loss, doubtful=True)
-    except LogError:
-        return result, report
-    if not found.converged or any(each.times_noise > _ONLY_NOISE for each in found.residuals):
-        return result, report
-    whole = result.converged and result.explained
-    if whole and chance_of_one_body(report.estimate, of_segments.estimate) > _CHANCE_OF_ONE_BODY:
-        return result, report
-    why = (
-        f"no motion from one start was found that follows {', '.join(flight.name for flight in model.flights)} to the "
-        f"end: a small disturbance acted, or errors grow too fast. {len(segments)} segments are fitted instead, each "
-        "from a start of its own, and all intervals are doubled"
-    )
-    read = [f"{flight.name}: {note}" for flight in model.flights for note in flight.notes]
-    return replace(found, notes=(why, *read, *found.notes)), of_segments
 
 
 def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int, loss: str, seed: int) -> float:
@@ -376,15 +346,41 @@ def _missed(held_out: Sequence[Residuals], fitted: Sequence[Residuals]) -> list[
     return [each for each in held_out if not each.explained and each.times_noise > _AS_WELL * least.get(each.kind, 0.0)]
 
 
-def _completed(
-    model: Model, fit: Fit, names: Sequence[str], loss: str, doubtful: bool = False
-) -> tuple[Identification, _Report]:
+def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple[Identification, _Report]:
+    """Return the result of a fit with what it lacks, and what it is from.
+
+    That is joined segments if these leave only noise, and the whole is not explained or contradicts them.
+    """
+    result, report = _with_omissions(model, fit._replace(joined=None), names, loss)
+    if fit.joined is None or (result.converged and all(each.white and each.explained for each in result.residuals)):
+        return result, report
+    of_segments = _Report(model, fit.joined._replace(starts=fit.starts, agreeing=fit.agreeing), names)
+    found = of_segments.identification()
+    if any(each.times_noise > _ONLY_NOISE for each in found.residuals):
+        return result, report
+    whole = result.converged and result.explained
+    if whole and chance_of_one_body(report.estimate, of_segments.estimate) > _CHANCE_OF_ONE_BODY:
+        return result, report
+    return found, of_segments
+
+
+def _of_joints(disturbance: float) -> str:
+    """Return a remark on segments that were joined."""
+    return "no motion from a single start was found that follows the recording to the end: " + (
+        f"a small disturbance acted, which changed the rates by about {disturbance:.2g} rad/s in each {TURN:g} rad "
+        "that the body turned. It is fitted as noise"
+        if disturbance
+        else "errors grow too fast along it. Segments that are joined are fitted"
+    )
+
+
+def _with_omissions(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple[Identification, _Report]:
     """Return the result of a fit, with the missing load if that explains all of the residuals, and what it is from.
 
     A load that is certain but explains only a part is not the truth either: the fit stays, and its errors are widened
     by as much as that load would move the numbers.
     """
-    bare = _Report(model, fit, names, doubtful)
+    bare = _Report(model, fit, names)
     result = bare.identification()
     tried = first_tried = trials(model, fit)
     wide, found = bare, list[tuple[Trial, float]]()
@@ -401,7 +397,7 @@ def _completed(
     part = [each for each in others if each.chance <= CHANCE]
     if part:
         steps = [trial.step for trial in first_tried if trial.chance <= CHANCE]
-        bare = _Report(model, fit, names, doubtful, steps)
+        bare = _Report(model, fit, names, moved=steps)
         result = bare.identification()
     return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes)), bare
 
@@ -555,6 +551,7 @@ class _Report:
             converged=self.fit.converged,
             principal_errors=(first, second, third),
             notes=(
+                *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
                 *_coloured([each for each in self.residuals if each.explained and not each.white], self.model.fit),
             ),

@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.coloured_noise import root_of, widened
-from rb_dynamics.analysis.identification.estimation import Fit, sane, settled, stacked, triangle
+from rb_dynamics.analysis.identification.estimation import settled
 from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, RATES
 from rb_dynamics.analysis.identification.parameters import ParameterBlock
 from rb_dynamics.analysis.identification.prediction import Model
-from rb_dynamics.analysis.identification.residuals import fit_bands, residuals_of
+from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
+from rb_dynamics.analysis.identification.stacked_rows import sane, stacked, triangle
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.yaml import document
@@ -146,7 +147,9 @@ class Trial(NamedTuple):
 
 
 def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
-    """Return what each candidate, except those `known`, would explain of the residuals of a fit."""
+    """Return what each candidate, except those `known`, would explain of the residuals of a fit from single starts."""
+    if fit.disturbance is not None:
+        return []
     tried = [each for each in _candidates(model) if each.what not in {trial.candidate.what for trial in known}]
     wide, keys = _with_loads(model, tried, fit.z)
     old = _places(model, wide)

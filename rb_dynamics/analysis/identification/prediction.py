@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import re
 from collections.abc import Iterator, Sequence
@@ -54,6 +55,9 @@ _CALLS = 20
 
 # No motion has numbers as large, and their products still are some.
 _LOST = 1e150
+
+NODE = "state"
+"""Kind of a stream of one row: the state (STATE,) in which the next segment of a flight begins; see `restarted`."""
 
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
@@ -164,9 +168,24 @@ class Model:
         """Yield the same piece by piece: of each stream of a flight the samples in some intervals of its grid."""
         for number, flight in enumerate(self.flights):
             seen = flight if end_ns is None else flight.until(end_ns[number])
-            streams = [stream for stream in seen.streams if len(stream.time_ns)]
-            if streams:
-                yield from self._of_flight(z, number, flight, streams, derivatives)
+            yield from self.of_flight(z, number, seen, derivatives)
+
+    def restarted(self, number: int, z: Array, state: Array) -> Model:
+        """Return the same, in which a flight begins at the state (STATE,) of the centre of mass and not at its own."""
+        other, layout = copy.copy(self), copy.copy(self.layout)
+        matrix, center, rate = rotations.matrices(state[:4]), self.body(z).center_of_mass, state[4:7]
+        # Of the body origin.
+        position, velocity = state[7:10] - matrix @ center, state[10:13] - matrix @ np.cross(rate, center)
+        start = replace(self.starts[number], attitude=state[:4], rate=rate, position=position, velocity=velocity)
+        other.starts = [*self.starts[:number], start, *self.starts[number + 1 :]]
+        layout.blocks = dict(layout.blocks)
+        for name, value in (
+            ("angular_velocity_body", rate), ("position_world", position), ("linear_velocity_world", velocity)
+        ):  # fmt: skip
+            if (key := f"initial[{number}].{name}") in layout:
+                layout.blocks[key] = replace(layout[key], start=value)
+        other.layout = layout
+        return other
 
     @property
     def _drags(self) -> bool:
@@ -414,9 +433,11 @@ class Model:
         block = f"delay.{name}"
         return round(float(self.layout[block].values(z)[0]) * NANOSECONDS) if block in self.layout else 0
 
-    def _of_flight(
-        self, z: Array, number: int, flight: Flight, streams: Sequence[Stream], derivatives: bool
-    ) -> Iterator[list[Predicted]]:
+    def of_flight(self, z: Array, number: int, flight: Flight, derivatives: bool = True) -> Iterator[list[Predicted]]:
+        """Yield `blocks` of that flight, or of a segment of it."""
+        streams = [stream for stream in flight.streams if len(stream.time_ns)]
+        if not streams:
+            return
         times = [stream.time_ns - self._delay_ns(z, stream.topic) for stream in streams]
         slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
         begin = flight.span_ns[0]
@@ -605,6 +626,15 @@ class Model:
         center = self.body(z).center_of_mass
         of_center = layout.blocks.get("center_of_mass")
         delay = f"delay.{stream.topic}"
+        if stream.kind == NODE:
+            of = 3 * (4 if self.moves[number] else 2)
+            turned = rotations.logarithms(rotations.products(rotations.conjugates(stream.values[:, :4]), attitude))
+            left = np.hstack([turned, seen.states[:, 4 : of + 1] - stream.values[:, 4 : of + 1]])
+            columns = seen.columns[:, :of].copy()
+            columns[:, :3] = np.linalg.inv(rotations.right_jacobians(turned)) @ columns[:, :3]
+            by = np.zeros((len(left), of, layout.count))
+            by[:, :, mine] = columns
+            return left, by
         if stream.kind == ATTITUDE:
             left = rotations.logarithms(rotations.products(rotations.conjugates(stream.values), attitude))
             inverse = np.linalg.inv(rotations.right_jacobians(left))

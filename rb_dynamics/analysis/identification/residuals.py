@@ -1,22 +1,53 @@
-"""`Residuals`: the residuals of a fit for each kind of measurement, compared with noise."""
+"""`Fit`, and its `Residuals`: those of each kind of measurement, compared with noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.coloured_noise import Band, bands_of, noise_beneath, root_of, whiteness
-from rb_dynamics.analysis.identification.estimation import Fit, floor_of, information
 from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, usual_interval
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
+from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of
+from rb_dynamics.analysis.identification.stacked_rows import information
 from rb_dynamics.analysis.track import Array
 
 # Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
 # throws whose truth is known 4.3. A fit that leaves more of the motion itself unexplained means nothing.
 EXPLAINED, _FOLLOWED = 5.0, 0.1
+
+
+class Fit(NamedTuple):
+    """The outcome of `estimation.fitted`.
+
+    Attributes:
+        z: parameters.
+        noise: standard deviation of one component of a sample, by topic and kind.
+        predicted: what is left of each stream; without derivatives.
+        weighted: (n, p), derivatives over noise.
+        left: (n,), residuals over noise.
+        starts: fits that were tried.
+        agreeing: how many of them found the best minimum.
+        converged: whether the best one converged.
+        disturbance: of a fit of joined segments, by how much the rates (rad/s) changed between them; None of a flight
+            from a single start.
+        joined: the fit of joined segments, if it is likelier than the one from a single start.
+    """
+
+    z: Array
+    noise: dict[Key, float]
+    predicted: list[Predicted]
+    weighted: Array
+    left: Array
+    starts: int
+    agreeing: int
+    converged: bool
+    disturbance: float | None = None
+    joined: Fit | None = None
 
 
 @dataclass(frozen=True)

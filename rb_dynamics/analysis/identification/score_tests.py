@@ -18,12 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.coloured_noise import bands_of, root_of, whiteness, widened
-from rb_dynamics.analysis.identification.estimation import floor_of, followed, noise_shown, sane, stacked, starts_of
+from rb_dynamics.analysis.identification.estimation import followed, starts_of
 from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, Stream, WrenchSeries, held_rows
 from rb_dynamics.analysis.identification.missing_parameters import TOLD
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
+from rb_dynamics.analysis.identification.sensor_noise import floor_of, noise_shown
+from rb_dynamics.analysis.identification.stacked_rows import sane, stacked
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State

@@ -1,0 +1,60 @@
+"""The noise of each sensor, as its own differences show it, whatever the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.flights import ATTITUDE, Stream
+from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.track import Array
+
+Key = tuple[str, str]
+
+# Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
+_FLOOR = 1e-6
+
+
+def noise_shown(model: Model) -> dict[Key, float]:
+    """Return the noise of each sensor that its own differences show, whatever the model."""
+    return {key: max(_noise_of(streams), floor_of(model, key)) for key, streams in _streams(model).items()}
+
+
+def floor_of(model: Model, key: Key) -> float:
+    """Return the least noise that a sensor is believed to have."""
+    return _FLOOR * largest(model, key)
+
+
+def largest(model: Model, key: Key) -> float:
+    """Return the largest number of a sensor, 1 rad of an attitude."""
+    sizes = [1.0 if s.kind == ATTITUDE else float(np.abs(s.values).max(initial=0.0)) for s in _streams(model)[key]]
+    return max(*sizes, 1e-9)
+
+
+def _streams(model: Model) -> dict[Key, list[Stream]]:
+    found: dict[Key, list[Stream]] = {}
+    for flight in model.flights:
+        for stream in flight.streams:
+            if len(stream.time_ns):
+                found.setdefault((stream.topic, stream.kind), []).append(stream)
+    return found
+
+
+def _noise_of(streams: Sequence[Stream]) -> float:
+    """Return the noise that third differences show, which neither smooth motion nor a few wild samples change much."""
+    every = np.abs(np.concatenate([_third_differences(stream).ravel() for stream in streams]))
+    if not len(every):
+        return 0.0
+    # Of a coarse sensor most differences may be zero.
+    usual = 1.4826 * float(np.median(every)) or float(np.sqrt(np.mean(every**2)))
+    return usual / float(np.sqrt(20.0))
+
+
+def _third_differences(stream: Stream) -> Array:
+    values = stream.values
+    if stream.kind == ATTITUDE:
+        steps = rotations.logarithms(rotations.products(rotations.conjugates(values[:-1]), values[1:]))
+        return np.diff(steps, n=2, axis=0)
+    return np.diff(values, n=3, axis=0)
