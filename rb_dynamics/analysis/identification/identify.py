@@ -59,6 +59,9 @@ _CHANCE_OF_ONE_BODY = 1e-4
 _ONLY_NOISE = 1.3
 # More of them explain anything.
 _MOST_OMISSIONS = 2
+# Of what is plausible, the variance below which errors are linear. Misfits that are this many times smaller or larger
+# than those of linear errors are not.
+_STRAIGHT, _LINEAR = 3e-3**2, 4.0
 # Against the direction in which the inertia changes most: less is rounding.
 _FLAT = 1e-10
 _UNITS = {
@@ -507,7 +510,11 @@ class _Report:
             self.covariance *= DOUBT**2
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
-        self.unseen = directions[:, values > TOLD**2]
+        bent = [
+            self._bent(direction * np.sqrt(value), told) if _STRAIGHT < value <= TOLD**2 else value > TOLD**2
+            for value, direction in zip(values, directions.T, strict=True)
+        ]
+        self.unseen = directions[:, bent]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
         for step in moved:
             near = np.linalg.solve(self.local, step)
@@ -518,6 +525,40 @@ class _Report:
         from scipy.special import stdtrit
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
+
+    def _bent(self, step: Array, told: Array) -> bool:
+        """Return whether fits one or two standard errors away, by `step`, differ otherwise than linear errors say.
+
+        The numbers are then fitted to noise, as those of a body that hardly tumbles: anything may be the truth.
+        """
+        expected = 4.0 * float(step @ (told @ step))
+        here = self._misfit(self.z)
+        for sign in (-2.0, 2.0):
+            z = self._moved(sign * step)
+            if z is not None and not expected / _LINEAR < self._misfit(z) - here < expected * _LINEAR:
+                return True
+        return False
+
+    def _misfit(self, z: Array) -> float:
+        """Return -2 times the logarithm of the likelihood of parameters, up to a constant."""
+        if self.fit.profile is not None:
+            return self.fit.profile(z)
+        return sum(
+            float(np.sum((each.left / self.fit.noise[each.key]) ** 2))
+            for each in self.model.predict(z, derivatives=False)
+        )
+
+    def _moved(self, step: Array) -> Array | None:
+        """Return the parameters after a step of the coordinates near the solution; None if no body has them."""
+        z = self.z + self.local @ step
+        if self._has("shape"):
+            at = self.model.layout["shape"].at
+            change = self._inertia_by()[:, :, at] @ (self.local @ step)[at]
+            try:
+                z[at] = self.model.inertia.parameters(self.model.body(self.z).inertia + change)[1]
+            except np.linalg.LinAlgError:
+                return None
+        return z
 
     @property
     def estimate(self) -> Estimate:

@@ -11,6 +11,7 @@ Nodes are eliminated one after the other by QR decompositions, so that time is l
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,10 +41,12 @@ _LOOSE = 10.0 ** -np.arange(1.0, 11.0)
 _BETTER = 10.0
 # Times the noise that is left if nothing but noise is.
 _ENOUGH = 1.3
+# Of the plausible, how far parameters that are held may move.
+_HELD = 1e-9
 _ITERATIONS, _GAIN = 20, 1.0
 # Of the plausible, by how much a number changes in an iteration at most.
 _STRIDE = 2.0
-_DAMPING, _MOST_DAMPING = 1e-4, 1e6
+_DAMPING, _MOST_DAMPING, _MISSES = 1e-4, 1e6, 2
 
 
 @dataclass
@@ -149,7 +152,9 @@ class _Shooting:
     """The segments of some flights. Their numbers are rows of (k, p): the parameters, with the node of each."""
 
     def __init__(self, model: Model, segments: Sequence[_Segment], noise: dict[Key, float], far: float) -> None:
-        self.model, self.noise, self.far = model, noise, far
+        self.model, self.noise = model, noise
+        # The parameters are taken to be near these.
+        self.near, self.far, self.farthest = np.zeros(model.layout.count), far, far
         self.segments = [replace(each) for each in segments]
         self.scale = np.concatenate([block.scale for block in model.layout.blocks.values()])
 
@@ -220,14 +225,14 @@ class _Shooting:
 
     def _cost(self, z: Array, flown: Sequence[_Flown], loose: float) -> float:
         """Return the sum of squares; infinite if a motion diverges."""
-        found = float(np.sum((z / self.far) ** 2))
+        found = float(np.sum(((z - self.near) / self.far) ** 2))
         found += sum(float(np.sum(f.rows[:, -1] ** 2) + np.sum((f.gap[:, -1] / loose) ** 2)) for f in flown)
         return found if np.isfinite(found) else np.inf
 
     def _step(self, every: Array, flown: Sequence[_Flown], loose: float, damping: float) -> tuple[Array, float]:
         """Return the step of all numbers, and the logarithm of the determinant of what tells the nodes."""
         p = every.shape[1]
-        total = [np.column_stack([np.eye(p) / self.far, every[0] / self.far])]
+        total = [np.column_stack([np.eye(p) / self.far, (every[0] - self.near) / self.far])]
         kept: dict[int, Array] = {}
         logarithm, carry = 0.0, np.zeros((0, p + 1))
         for k in reversed(range(len(self.segments))):
@@ -246,7 +251,7 @@ class _Shooting:
             measured = np.hstack([here[:, each.own], here])
             measured[:, size:][:, each.own] = 0.0
             held = np.zeros((size, size + p + 1))
-            held[:, :size] = np.diag(np.sqrt(damping) * np.linalg.norm(here[:, each.own], axis=0))
+            held[:, :size] = np.diag(np.sqrt(damping) * np.linalg.norm(flown[k].rows[:, each.own], axis=0))
             both = np.vstack([joint, measured, held])
             root = triangle(both)
             kept[k], carry = root[:size], root[size:, size:]
@@ -265,29 +270,42 @@ class _Shooting:
 
     def search(self, every: Array, loose: float) -> tuple[Array, float]:
         """Return the numbers that fit best, and -2 times the logarithm of their likelihood, up to a constant."""
-        damping, flown = _DAMPING, self._flown(every)
+        damping, missed, flown = _DAMPING, 0, self._flown(every)
         cost = self._cost(every[0], flown, loose)
-        if not np.isfinite(cost):
-            return every, np.inf
-        for _ in range(_ITERATIONS):
+        best, least = (every, flown), cost
+        for _ in range(_ITERATIONS if np.isfinite(cost) else 0):
             with np.errstate(all="ignore"):
                 step, _ = self._step(every, flown, loose, damping)
                 there = every + step
-                next_cost = np.inf
-                if np.abs(step).max() < _STRIDE and np.abs(there).max() < self.far:
-                    next_flown = self._flown(there)
-                    next_cost = self._cost(there[0], next_flown, loose)
-            if not next_cost < cost:
-                damping *= 10.0
+                cost = np.inf
+                if np.abs(step).max() < _STRIDE and np.abs(there).max() < self.farthest:
+                    every, flown = there, self._flown(there)
+                    cost = self._cost(every[0], flown, loose)
+            # What closes gaps to first order opens them to second order, and the next step closes these, too.
+            missed = 0 if cost < least else missed + 1 if np.isfinite(cost) else _MISSES
+            if missed >= _MISSES:
+                (every, flown), missed, damping = best, 0, 10.0 * damping
                 if damping > _MOST_DAMPING:
                     break
-                continue
-            gain, damping = cost - next_cost, max(0.1 * damping, 1e-12)
-            every, flown, cost = there, next_flown, next_cost
-            if gain < _GAIN:
-                break
+            elif not missed:
+                gain, damping = least - cost, 0.1 * damping
+                best, least = (every, flown), cost
+                if gain < _GAIN:
+                    break
+        every, flown = best
+        if not np.isfinite(least):
+            return every, np.inf
         gaps = sum(len(each.gap) for each in flown)
-        return every, cost + 2.0 * gaps * np.log(loose) + self._step(every, flown, loose, 0.0)[1]
+        return every, least + 2.0 * gaps * np.log(loose) + self._step(every, flown, loose, 0.0)[1]
+
+    def profile(self, every: Array, loose: float, z: Array) -> float:
+        """Return -2 times the logarithm of the likelihood of other parameters, with the nodes that fit them best."""
+        other, moved = copy.copy(self), every + (z - every[0])
+        other.near, other.far = z, _HELD
+        for k, each in enumerate(self.segments):
+            if each.joined:
+                moved[k, each.own] = every[k, each.own]
+        return other.search(moved, loose)[1]
 
     def outcome(self, every: Array, loose: float) -> Fit:
         """Return the fit with its innovations, and the noise that these show.
@@ -324,13 +342,13 @@ class _Shooting:
                 rest[:, :-1] += further
                 node = back @ (flown.gap[:, each.own] @ node + rest)
                 root = back @ triangle(np.hstack([flown.gap[:, each.own] @ root, loose * np.eye(size)]).T).T
-        return self._fit(every[0], loose, predicted)
+        return self._fit(every, loose, predicted)
 
     def _fit(
-        self, z: Array, loose: float, predicted: dict[tuple[int, Key], list[tuple[Predicted, Array, Array]]]
+        self, every: Array, loose: float, predicted: dict[tuple[int, Key], list[tuple[Predicted, Array, Array]]]
     ) -> Fit:
         """Return the fit with these innovations of each stream, piece by piece."""
-        streams, weighted, left = [], [], []
+        streams, weighted, left, z = [], [], [], every[0]
         squares: dict[Key, list[float]] = {}
         for (_, key), parts in predicted.items():
             over = np.concatenate([each for *_, each in parts])
@@ -356,5 +374,5 @@ class _Shooting:
         disturbance = 0.0 if loose == _LOOSE[-1] else float(loose * max(each.fastest for each in self.model.starts))
         return Fit(
             z, noise, streams, np.vstack(weighted) * factors[:, None], np.concatenate(left) * factors, 1, 1, True,
-            disturbance,
+            disturbance, lambda at: self.profile(every, loose, at),
         )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ class Fit(NamedTuple):
         converged: whether the best one converged.
         disturbance: of a fit of joined segments, by how much the rates (rad/s) changed between them; None of a flight
             from a single start.
+        profile: of joined segments, -2 times the logarithm of the likelihood of other parameters.
         joined: the fit of joined segments, if it is likelier than the one from a single start.
     """
 
@@ -47,6 +48,7 @@ class Fit(NamedTuple):
     agreeing: int
     converged: bool
     disturbance: float | None = None
+    profile: Callable[[Array], float] | None = None
     joined: Fit | None = None
 
 
