@@ -79,6 +79,7 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     coarse = {key: max(level, _COARSE * largest(model, key)) for key, level in noise.items()}
     found: list[tuple[Any, Any]] = []
     followed_so_far: list[Array] = []
+    shot: Fit | None = None
     for start in tries:
         at, longest, follows = start, None, start
         for piece in pieces[:-1]:
@@ -87,6 +88,11 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
             follows = at if _leaves_noise(model, longest, piece) else follows
             bar.step()
         followed_so_far.append(follows)
+        if shot is None and follows is not at:
+            # Beyond what a start can follow, the segments are joined: if they can be, no other start is needed.
+            shot = joined(model, [follows], noise, _FAR)
+            if shot is not None and (fit := _from_one_start(model, shot, noise, loss)) is not None:
+                return fit._replace(starts=len(followed_so_far))
         # A start that comes to the minimum of another in the longest piece would go on like that.
         whole = next((each for other, each in found if _same_minimum(other, longest)), None)
         if whole is None:
@@ -101,48 +107,50 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
     agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
-    found_fit = _settled_or_joined(model, best, followed_so_far, noise, loss)
+    found_fit = _settled_or_joined(model, best, shot, followed_so_far, noise, loss)
     bar.step()
     return found_fit._replace(starts=len(found), agreeing=agreeing)
 
 
-def _settled_or_joined(model: Model, best: Any, starts: Sequence[Array], noise: dict[Key, float], loss: str) -> Fit:
+def _settled_or_joined(
+    model: Model, best: Any, shot: Fit | None, starts: Sequence[Array], noise: dict[Key, float], loss: str
+) -> Fit:
     """Return the fit near the best one; or, if that leaves more than noise, the one that joined segments lead to.
 
     Raises:
         LogError: the motion diverges.
     """
-    fits: list[Fit] = []
-    lost = LogError("")
     try:
-        fits.append(settled(model, best.x, noise, loss, bool(best.status > 0)))
-        if _only_noise(model, fits[0]):
-            return fits[0]
-    except LogError as error:
-        lost = error
-    found = joined(model, starts, noise, _FAR)
-    if found is not None and not found.disturbance:
-        try:
-            fits.append(settled(model, found.z, noise, loss))
-            if _only_noise(model, fits[-1]):
-                return fits[-1]
-        except LogError:
-            # Errors grow so fast along the flight that the numbers of its start have too few digits.
-            pass
-    if fits:
-        return min(fits, key=_spread)._replace(joined=found)
-    if found is None:
-        raise lost
-    return found
+        fit = settled(model, best.x, noise, loss, bool(best.status > 0))
+    except LogError:
+        fit = None
+    if fit is not None and _only_noise(model, fit):
+        return fit
+    if shot is None or not _only_noise(model, shot):
+        shot = joined(model, starts, noise, _FAR)
+    if shot is None:
+        return fit or settled(model, best.x, noise, loss)
+    if (exact := _from_one_start(model, shot, noise, loss)) is not None:
+        return exact
+    return shot if fit is None else fit._replace(joined=shot)
+
+
+def _from_one_start(model: Model, shot: Fit, noise: dict[Key, float], loss: str) -> Fit | None:
+    """Return the fit that segments without gaps lead to; None if there are gaps, or more than noise is left.
+
+    Where errors grow so fast that the numbers of a start have too few digits to fly on from, it is that of segments.
+    """
+    if shot.disturbance or not _only_noise(model, shot):
+        return None
+    if _explained(model, shot.z, noise):
+        fit = settled(model, shot.z, noise, loss)
+        if _only_noise(model, fit):
+            return fit
+    return shot
 
 
 def _only_noise(model: Model, fit: Fit) -> bool:
     return fit.converged and all(each.white and each.explained for each in residuals_of(model, fit, fit_bands(fit)))
-
-
-def _spread(fit: Fit) -> float:
-    """Return how much a fit leaves: the mean logarithm of its noise."""
-    return sum(each.left.size * float(np.log(fit.noise[each.key])) for each in fit.predicted)
 
 
 def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:
