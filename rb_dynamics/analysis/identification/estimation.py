@@ -78,7 +78,6 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     # A search need not be more exact than that, and a recording without noise would keep it long.
     coarse = {key: max(level, _COARSE * largest(model, key)) for key, level in noise.items()}
     found: list[tuple[Any, Any]] = []
-    followed_so_far: list[Array] = []
     shot: Fit | None = None
     for start in tries:
         at, longest, follows = start, None, start
@@ -87,12 +86,11 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
             at = longest.x
             follows = at if _leaves_noise(model, longest, piece) else follows
             bar.step()
-        followed_so_far.append(follows)
         if shot is None and follows is not at:
             # Beyond what a start can follow, the segments are joined: if they can be, no other start is needed.
-            shot = joined(model, [follows], noise, _FAR)
+            shot = joined(model, [follows, *tries], noise, _FAR)
             if shot is not None and (fit := _from_one_start(model, shot, noise, loss)) is not None:
-                return fit._replace(starts=len(followed_so_far))
+                return fit
         # A start that comes to the minimum of another in the longest piece would go on like that.
         whole = next((each for other, each in found if _same_minimum(other, longest)), None)
         if whole is None:
@@ -107,32 +105,18 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
     costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
     agreeing = int((costs <= costs.min() * (1.0 + _SAME) + 1.0).sum())
-    found_fit = _settled_or_joined(model, best, shot, followed_so_far, noise, loss)
-    bar.step()
-    return found_fit._replace(starts=len(found), agreeing=agreeing)
-
-
-def _settled_or_joined(
-    model: Model, best: Any, shot: Fit | None, starts: Sequence[Array], noise: dict[Key, float], loss: str
-) -> Fit:
-    """Return the fit near the best one; or, if that leaves more than noise, the one that joined segments lead to.
-
-    Raises:
-        LogError: the motion diverges.
-    """
     try:
         fit = settled(model, best.x, noise, loss, bool(best.status > 0))
     except LogError:
-        fit = None
-    if fit is not None and _only_noise(model, fit):
-        return fit
-    if shot is None or not _only_noise(model, shot):
-        shot = joined(model, starts, noise, _FAR)
-    if shot is None:
-        return fit or settled(model, best.x, noise, loss)
-    if (exact := _from_one_start(model, shot, noise, loss)) is not None:
-        return exact
-    return shot if fit is None else fit._replace(joined=shot)
+        if shot is None:
+            raise
+        fit = shot
+    if not _only_noise(model, fit):
+        shot = shot or joined(model, [best.x, *tries], noise, _FAR)
+        if shot is not None:
+            fit = _from_one_start(model, shot, noise, loss) or fit._replace(joined=None if fit is shot else shot)
+    bar.step()
+    return fit._replace(starts=len(found), agreeing=agreeing)
 
 
 def _from_one_start(model: Model, shot: Fit, noise: dict[Key, float], loss: str) -> Fit | None:

@@ -527,15 +527,14 @@ class _Report:
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
 
     def _bent(self, step: Array, told: Array) -> bool:
-        """Return whether fits one or two standard errors away, by `step`, differ otherwise than linear errors say.
+        """Return whether parameters two standard errors away, along `step`, misfit otherwise than linear errors say.
 
         The numbers are then fitted to noise, as those of a body that hardly tumbles: anything may be the truth.
         """
-        expected = 4.0 * float(step @ (told @ step))
-        here = self._misfit(self.z)
-        for sign in (-2.0, 2.0):
-            z = self._moved(sign * step)
-            if z is not None and not expected / _LINEAR < self._misfit(z) - here < expected * _LINEAR:
+        here, step = self._misfit(self.z), 2.0 * step / np.sqrt(step @ (told @ step))
+        for away in (-step, step):
+            z = self._moved(away)
+            if z is not None and not 4.0 / _LINEAR < self._misfit(z) - here < 4.0 * _LINEAR:
                 return True
         return False
 

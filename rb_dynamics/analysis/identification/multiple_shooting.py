@@ -37,6 +37,8 @@ _SAMPLES = 12
 _FEWEST = 5
 # What is left between segments, over what is plausible: from loose to as good as nothing.
 _LOOSE = 10.0 ** -np.arange(1.0, 11.0)
+# rad that the body turns in a step at last: the error of a step moves the time of a flip as a disturbance does.
+_FINE = 0.015
 # Twice the logarithm of a likelihood by which a disturbance must be the better explanation.
 _BETTER = 10.0
 # Times the noise that is left if nothing but noise is.
@@ -115,6 +117,8 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
         if likely > best + _BETTER:
             break
         found, loosest, best = at, loose, min(best, likely)
+    for each in shooting.segments:
+        each.model.turn = min(each.model.turn, _FINE)
     for _ in range(2):
         fit = shooting.outcome(found, loosest)
         shooting.noise = fit.noise
@@ -155,7 +159,7 @@ class _Shooting:
         self.model, self.noise = model, noise
         # The parameters are taken to be near these.
         self.near, self.far, self.farthest = np.zeros(model.layout.count), far, far
-        self.segments = [replace(each) for each in segments]
+        self.segments = [replace(each, model=copy.copy(each.model)) for each in segments]
         self.scale = np.concatenate([block.scale for block in model.layout.blocks.values()])
 
     def begun(self, z: Array) -> Array:
