@@ -135,16 +135,20 @@ def flips(seed: int) -> tuple[Identification, list[float]]:
 
 def print_flips(count: int, first: int) -> None:
     """Print the table of spins near the middle axis."""
-    print("| acting | flights | in segments | nothing known | not explained | coverage of 95 % | worst number |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| acting | flights | in joined segments | a disturbance said | nothing known | not explained | coverage of 95 % | worst number |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     done = {seed: flips(seed) for seed in range(first, first + count)}
     for kind, acts in (("nothing", 0), ("gusts", 1)):
         some = [each for seed, each in done.items() if seed % 2 == acts]
         off = np.concatenate([np.zeros(0), *(each for _, each in some)])
-        parts, unknown = sum(len(found.recordings) > 1 for found, _ in some), sum(not each for _, each in some)
+        notes = [" ".join(found.notes) for found, _ in some]
+        parts, moved = (sum(word in each for each in notes) for word in ("segments", "a small disturbance"))
+        unknown = sum(not each for _, each in some)
         told = sum(not found.explained for found, _ in some)
         shown = f"{100 * np.mean(off < 1.96):.1f} % | {off.max(initial=0.0):.1f} standard errors off"
-        print(f"| {kind} | {len(some)} | {parts} | {unknown} | {told} | {shown} |")
+        print(f"| {kind} | {len(some)} | {parts} | {moved} | {unknown} | {told} | {shown} |")
 
 
 def main() -> None:

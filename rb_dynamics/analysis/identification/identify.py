@@ -369,11 +369,15 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple
 
 def _of_joints(disturbance: float) -> str:
     """Return a remark on segments that were joined."""
-    return "no motion from a single start was found that follows the recording to the end: " + (
-        f"a small disturbance acted, which changed the rates by about {disturbance:.2g} rad/s in each {TURN:g} rad "
-        "that the body turned. It is fitted as noise"
-        if disturbance
-        else "errors grow too fast along it. Segments that are joined are fitted"
+    return (
+        "no motion from a single start was found that follows the recording to the end: "
+        + (
+            f"a small disturbance acted, which changed the rates by about {disturbance:.2g} rad/s in each {TURN:g} rad "
+            "that the body turned. It is fitted as noise between joined segments"
+            if disturbance
+            else "errors grow too fast along it. Segments that are joined are fitted"
+        )
+        + ", and all intervals are doubled"
     )
 
 
@@ -506,7 +510,7 @@ class _Report:
         self.residuals = residuals_of(model, fit, bands)
         if not all(each.white for each in self.residuals):
             self.covariance, freedom = widened(root_of(self.covariance), bands)
-        elif doubtful:
+        elif doubtful or fit.disturbance is not None:
             self.covariance *= DOUBT**2
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)

@@ -37,6 +37,8 @@ _SAMPLES = 12
 _FEWEST = 5
 # What is left between segments, over what is plausible: from loose to as good as nothing.
 _LOOSE = 10.0 ** -np.arange(1.0, 11.0)
+# Of these, what rounding leaves.
+_EXACT = 1.1e-8
 # rad that the body turns in a step at last: the error of a step moves the time of a flip as a disturbance does.
 _FINE = 0.015
 # Twice the logarithm of a likelihood by which a disturbance must be the better explanation.
@@ -60,6 +62,7 @@ class _Segment:
         number: of the flight.
         flight: what was measured in it.
         own: where the numbers of its node are among the parameters.
+        begin_ns: its node.
         end_ns: where the next one begins; None for the last of a flight.
         joined: whether it is not the first of a flight.
     """
@@ -68,6 +71,7 @@ class _Segment:
     number: int
     flight: Flight
     own: slice
+    begin_ns: int
     end_ns: int | None
     joined: bool
 
@@ -135,11 +139,12 @@ def _segments(model: Model) -> list[_Segment]:
         times = max((stream.time_ns for stream in flight.streams), key=len)
         first, last = flight.span_ns
         count = int(min((last - first) * 1e-9 * start.fastest / TURN, len(times) / _SAMPLES))
-        edges = [first, *times[np.linspace(0, len(times), count + 1).astype(int)[1:-1]].tolist()]
-        parts = [_between(flight, *ends) for ends in itertools.pairwise([*edges, last + 1])]
-        begins = [part.span_ns[0] for part in parts]
-        for k, (part, end) in enumerate(zip(parts, [*begins[1:], None], strict=True)):
-            found.append(_Segment(model, number, part, own, end, k > 0))
+        # Between two samples: a command may come with one of them, and both segments would miss how it acts later.
+        after = np.linspace(0, len(times), count + 1).astype(int)[1:-1]
+        edges = [first, *((times[after - 1] + times[after]) // 2).tolist(), None]
+        for begin, end in itertools.pairwise(edges):
+            part = _between(flight, begin, last + 1 if end is None else end)
+            found.append(_Segment(model, number, part, own, begin, end, begin > first))
     return found
 
 
@@ -188,7 +193,7 @@ class _Shooting:
             flight = replace(flight, streams=(*flight.streams, node))
         found = [
             part
-            for block in each.model.of_flight(z, each.number, flight, derivatives)
+            for block in each.model.of_flight(z, each.number, flight, derivatives, each.begin_ns)
             for part in block
             if len(part.left)
         ]
@@ -375,7 +380,7 @@ class _Shooting:
         levels = {key: float(np.sqrt(s / max(1.0, n * (1.0 - len(z) / count)))) for key, (s, n) in squares.items()}
         noise = {key: max(self.noise[key] * level, floor_of(self.model, key)) for key, level in levels.items()}
         factors = np.concatenate([np.full(each.left.size, self.noise[each.key] / noise[each.key]) for each in streams])
-        disturbance = 0.0 if loose == _LOOSE[-1] else float(loose * max(each.fastest for each in self.model.starts))
+        disturbance = 0.0 if loose <= _EXACT else float(loose * max(each.fastest for each in self.model.starts))
         return Fit(
             z, noise, streams, np.vstack(weighted) * factors[:, None], np.concatenate(left) * factors, 1, 1, True,
             disturbance, lambda at: self.profile(every, loose, at),

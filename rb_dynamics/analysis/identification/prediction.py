@@ -433,14 +433,16 @@ class Model:
         block = f"delay.{name}"
         return round(float(self.layout[block].values(z)[0]) * NANOSECONDS) if block in self.layout else 0
 
-    def of_flight(self, z: Array, number: int, flight: Flight, derivatives: bool = True) -> Iterator[list[Predicted]]:
-        """Yield `blocks` of that flight, or of a segment of it."""
+    def of_flight(
+        self, z: Array, number: int, flight: Flight, derivatives: bool = True, begin_ns: int | None = None
+    ) -> Iterator[list[Predicted]]:
+        """Yield `blocks` of that flight, or of a segment of it that begins at `begin_ns`."""
         streams = [stream for stream in flight.streams if len(stream.time_ns)]
         if not streams:
             return
         times = [stream.time_ns - self._delay_ns(z, stream.topic) for stream in streams]
         slopes = any(stream.kind == ACCELERATION for stream in streams) or "delay" in self.fit
-        begin = flight.span_ns[0]
+        begin = flight.span_ns[0] if begin_ns is None else begin_ns
         acting = self._acting(z, flight)
         knots = _knots(acting, begin, times)
         starts = np.concatenate([[begin], knots[:-1]])
