@@ -4,6 +4,7 @@
     python tools/calibrate_identify.py 40 --scale 1000
     python tools/calibrate_identify.py 200 --wrong
     python tools/calibrate_identify.py 20 --flips
+    python tools/calibrate_identify.py 100 --validate
 
 Half of the flights have a gyro with noise of 5e-4 rad/s, half of 5e-3 rad/s. All have a bias, a pose with noise of 1e-3
 (rad, m) at 100 Hz, commands that act 20 ms later than recorded, and a scene whose mass is wrong by a half and whose
@@ -15,6 +16,8 @@ commanded), an alignment of the gyro (rad), or a delay of the commands (0.1 s). 
 
 With --flips the body spins within 1e-7 to 1e-3 of its middle axis for 30 to 600 s, free of torque or, in every second
 flight, with gusts that are not recorded; a gyro measures at 20 Hz.
+
+With --validate a flight of 0.6 s is fitted, and one of 6 s is held out: of the same body, and of another.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics import Identification, identify
+from rb_dynamics import Identification, RigidBody, identify
 from rb_dynamics.analysis.identification.missing_parameters import CHANCE
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 
@@ -135,10 +138,8 @@ def flips(seed: int) -> tuple[Identification, list[float]]:
 
 def print_flips(count: int, first: int) -> None:
     """Print the table of spins near the middle axis."""
-    print(
-        "| acting | flights | in joined segments | a disturbance said | nothing known | not explained | coverage of 95 % | worst number |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    columns = ("acting", "flights", "in joined segments", "a disturbance said", "nothing known", "not explained")
+    print(f"| {' | '.join(columns)} | coverage of 95 % | worst number |\n|{'---|' * (len(columns) + 2)}")
     done = {seed: flips(seed) for seed in range(first, first + count)}
     for kind, acts in (("nothing", 0), ("gusts", 1)):
         some = [each for seed, each in done.items() if seed % 2 == acts]
@@ -151,6 +152,22 @@ def print_flips(count: int, first: int) -> None:
         print(f"| {kind} | {len(some)} | {parts} | {moved} | {unknown} | {told} | {shown} |")
 
 
+def print_validated(count: int, first: int) -> None:
+    """Print what is said of a long flight that is held out from a short one, of the same body or another."""
+    print("| moments of the body held out | flights | predicted | too uncertain to tell | another body |")
+    print("|---|---|---|---|---|")
+    for factor in (1.0, 1.05, 1.6):
+        said: list[bool | None] = []
+        for seed in range(first, first + count):
+            random = np.random.default_rng(seed)
+            body = random_body(random)
+            other = RigidBody.from_matrix(body.mass, (factor * np.array(body.inertia)).tolist())
+            made, held_out = (flown(each, random, seconds=s, torque=2.0) for each, s in ((body, 0.6), (other, 6.0)))
+            said.append(identify(guess(body), [made], ["inertia"], validate=[held_out]).validated)
+        row = " | ".join(str(said.count(word)) for word in (True, None, False))
+        print(f"| {factor:g} times | {count} | {row} |", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -159,6 +176,7 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=1.0, help="by how much mass and inertia of the scene are off")
     parser.add_argument("--wrong", action="store_true", help="the model lacks something")
     parser.add_argument("--flips", action="store_true", help="spins near the middle axis")
+    parser.add_argument("--validate", action="store_true", help="a long flight is held out from a short one")
     args = parser.parse_args()
     count, first = args.count, args.first
     if args.wrong:
@@ -166,6 +184,9 @@ def main() -> None:
         return
     if args.flips:
         print_flips(count, first)
+        return
+    if args.validate:
+        print_validated(count, first)
         return
     every: dict[str, list[tuple[float, bool]]] = {}
     wrong = unknown = restless = coloured = unexplained = lacking_something = 0

@@ -1,9 +1,10 @@
 """Identify a racket thrown in the air with a phone on it, and print the table of docs/identify.md.
 
-    python tools/identify_racket.py FOLDER
+    python tools/identify_racket.py FOLDER [LAG]
 
 FOLDER is "data/round4" of the recordings of https://github.com/fbubbar/sci1-t2 (gyro of a phone at 100 Hz, one file of
-several throws per folder, and the times of each throw), which have no licence and are not part of this package.
+several throws per folder, and the times of each throw), which have no licence and are not part of this package. With LAG (s)
+the gyro is taken to be filtered by a first-order lag.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ effects: [{type: linear_drag, rotation: [0, 0, 0]}]
 GOOD = 0.25
 
 
-def throws(folder: Path) -> list[Flight]:
-    """Return the throws that the authors kept."""
+def throws(folder: Path, lag: float) -> list[Flight]:
+    """Return the throws that the authors kept, with a lag (s) of the gyro undone."""
     found = []
     for path in sorted(folder.glob("*/Raw Data.csv")):
         rows = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -37,17 +38,18 @@ def throws(folder: Path) -> list[Flight]:
                 continue
             within = (rows[:, 0] >= float(segment["start"])) & (rows[:, 0] <= float(segment["end"]))
             times = np.rint(rows[within, 0] * 1e9).astype(np.int64)
-            stream = Stream("gyro", RATES, times - times[0], rows[within, 1:4], gyro=True)
+            rates = rows[within, 1:4] + lag * np.gradient(rows[within, 1:4], rows[within, 0], axis=0)
+            stream = Stream("gyro", RATES, times - times[0], rates, gyro=True)
             found.append(Flight(f"{path.parent.name[-8:]} {segment['segment']}", (stream,)))
     return found
 
 
 def main() -> None:
     """Print the table."""
-    ratios, errors, good = [], [], 0
+    ratios, errors, left_over, good = [], [], [], 0
     print("| throw | s | rad/s at most | rms, rad/s | moments over the largest | starts that agree |")
     print("|---|---|---|---|---|---|")
-    flights = throws(Path(sys.argv[1]))
+    flights = throws(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 0.0)
     for flight in flights:
         found = identify(parse_scene(SCENE), [flight], ["inertia_ratios", "effects[0].rotation"], starts=8)
         (left,) = found.residuals
@@ -57,6 +59,7 @@ def main() -> None:
         shares = moments / moments[-1]
         known = all(each.known for each in found.parameters if each.name.startswith("inertia_ratios"))
         good += left.rms < GOOD
+        left_over.append(left.rms)
         if left.rms < GOOD and known:
             ratios.append(shares)
             # The racket is along y: its smallest moment is about that axis.
@@ -68,7 +71,8 @@ def main() -> None:
     spread = np.std(ratios, axis=0) / np.mean(ratios, axis=0)
     print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; the ratios of {len(ratios)} spread")
     print("by " + ", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
-    print(f"the median standard error of the smallest is {100 * np.median(errors):.1f} %")
+    print(f"the median standard error of the smallest is {100 * np.median(errors):.1f} %, of the residuals", end=" ")
+    print(f"{np.median(left_over):.4f} rad/s")
 
 
 if __name__ == "__main__":

@@ -338,7 +338,18 @@ def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int
         return 0.0
     if _missed(found.residuals, report.residuals):
         return 0.0
-    return chance_of_one_body(report.estimate, found.estimate)
+    chance = chance_of_one_body(report.estimate, found.estimate)
+    if chance > _CHANCE_OF_ONE_BODY or not all(each.white for each in report.residuals):
+        return chance
+    # So far from a fit its errors may not be linear: what does the other body leave of its own recordings?
+    rest = predicting(other, found.z, found.identification().scene, report.model.flights)
+    alone, fit = fitted(rest, 1, loss, seed), report.fit
+    left = sum(float(np.sum((each.left / fit.noise[each.key]) ** 2)) for each in alone.predicted)
+    count = len(fit.z) - len(alone.z)
+    from scipy.special import fdtrc
+
+    more = max(0.0, left - float(fit.left @ fit.left))
+    return max(chance, float(fdtrc(max(1, count), report.freedom, more / max(1, count))))
 
 
 def _missed(held_out: Sequence[Residuals], fitted: Sequence[Residuals]) -> list[Residuals]:

@@ -47,7 +47,7 @@ _BETTER = 10.0
 _ENOUGH = 1.3
 # Of the plausible, how far parameters that are held may move.
 _HELD = 1e-9
-_ITERATIONS, _GAIN = 20, 1.0
+_ITERATIONS, _GAIN, _LAST_GAIN = 20, 1.0, 1e-3
 # Of the plausible, by how much a number changes in an iteration at most.
 _STRIDE = 2.0
 _DAMPING, _MOST_DAMPING, _MISSES = 1e-4, 1e6, 2
@@ -126,7 +126,7 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
     for _ in range(2):
         fit = shooting.outcome(found, loosest)
         shooting.noise = fit.noise
-        found, _ = shooting.search(found, loosest)
+        found, _ = shooting.search(found, loosest, _LAST_GAIN)
     return shooting.outcome(found, loosest)
 
 
@@ -277,7 +277,7 @@ class _Shooting:
                 steps[k, each.own] = -np.linalg.solve(root[:, :size], wanted)
         return steps, logarithm
 
-    def search(self, every: Array, loose: float) -> tuple[Array, float]:
+    def search(self, every: Array, loose: float, least_gain: float = _GAIN) -> tuple[Array, float]:
         """Return the numbers that fit best, and -2 times the logarithm of their likelihood, up to a constant."""
         damping, missed, flown = _DAMPING, 0, self._flown(every)
         cost = self._cost(every[0], flown, loose)
@@ -299,7 +299,7 @@ class _Shooting:
             elif not missed:
                 gain, damping = least - cost, 0.1 * damping
                 best, least = (every, flown), cost
-                if gain < _GAIN:
+                if gain < least_gain:
                     break
         every, flown = best
         if not np.isfinite(least):
