@@ -3,8 +3,8 @@
     python tools/identify_racket.py FOLDER [LAG]
 
 FOLDER is "data/round4" of the recordings of https://github.com/fbubbar/sci1-t2 (gyro of a phone at 100 Hz, one file of
-several throws per folder, and the times of each throw), which have no licence and are not part of this package. With LAG (s)
-the gyro is taken to be filtered by a first-order lag.
+several throws per folder, and the times of each throw), which have no licence and are not part of this package.
+With LAG (s) the gyro is taken to be filtered by a first-order lag.
 """
 
 from __future__ import annotations
