@@ -62,6 +62,8 @@ _MOST_OMISSIONS = 2
 # Of what is plausible, the variance below which errors are linear. Misfits that are this many times smaller or larger
 # than those of linear errors are not.
 _STRAIGHT, _LINEAR = 3e-3**2, 4.0
+# Steps along a curved valley, at most.
+_CORRECTIONS = 6
 # Against the direction in which the inertia changes most: less is rounding.
 _FLAT = 1e-10
 _UNITS = {
@@ -526,7 +528,7 @@ class _Report:
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
         bent = [
-            self._bent(direction * np.sqrt(value), told) if _STRAIGHT < value <= TOLD**2 else value > TOLD**2
+            self._bent(direction, told) if _STRAIGHT < value <= TOLD**2 else value > TOLD**2
             for value, direction in zip(values, directions.T, strict=True)
         ]
         self.unseen = directions[:, bent]
@@ -541,26 +543,43 @@ class _Report:
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
 
-    def _bent(self, step: Array, told: Array) -> bool:
-        """Return whether parameters two standard errors away, along `step`, misfit otherwise than linear errors say.
+    def _bent(self, direction: Array, told: Array) -> bool:
+        """Return whether parameters two standard errors away misfit otherwise than linear errors say.
 
-        The numbers are then fitted to noise, as those of a body that hardly tumbles: anything may be the truth.
+        The numbers are then fitted to noise, as those of a body that hardly tumbles: anything may be the truth. The
+        other directions follow, by Gauss-Newton steps, so that a valley that is merely curved counts as what it is.
         """
-        here, step = self._misfit(self.z), 2.0 * step / np.sqrt(step @ (told @ step))
-        for away in (-step, step):
-            z = self._moved(away)
-            if z is not None and not 4.0 / _LINEAR < self._misfit(z) - here < 4.0 * _LINEAR:
+        way = np.linalg.solve(told + np.eye(len(told)), direction)
+        step = 2.0 * way / np.sqrt(direction @ way)
+        others = np.linalg.svd(direction[None])[2][1:].T
+        slopes = self.fit.weighted @ (self.local @ others)
+        normal = slopes.T @ slopes + np.eye(len(others.T))
+        here = self._misfit(self.z)[0]
+        for start in (-step, step):
+            away = start
+            for _ in range(_CORRECTIONS):
+                if (z := self._moved(away)) is None:
+                    break
+                misfit, left = self._misfit(z)
+                if 4.0 / _LINEAR < misfit - here < 4.0 * _LINEAR:
+                    break
+                if left is None or misfit < here:
+                    return True
+                away = away - others @ np.linalg.solve(normal, slopes.T @ left)
+            else:
                 return True
         return False
 
-    def _misfit(self, z: Array) -> float:
-        """Return -2 times the logarithm of the likelihood of parameters, up to a constant."""
+    def _misfit(self, z: Array) -> tuple[float, Array | None]:
+        """Return -2 times the logarithm of the likelihood of parameters, up to a constant, and the residuals.
+
+        Over noise, as in `Fit.left`; None if a profile has only the likelihood.
+        """
         if self.fit.profile is not None:
-            return self.fit.profile(z)
-        return sum(
-            float(np.sum((each.left / self.fit.noise[each.key]) ** 2))
-            for each in self.model.predict(z, derivatives=False)
-        )
+            return self.fit.profile(z), None
+        predicted = self.model.predict(z, derivatives=False)
+        left = np.concatenate([np.ravel(each.left / self.fit.noise[each.key]) for each in predicted])
+        return float(left @ left), left
 
     def _moved(self, step: Array) -> Array | None:
         """Return the parameters after a step of the coordinates near the solution; None if no body has them."""
