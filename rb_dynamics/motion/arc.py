@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
@@ -31,6 +32,19 @@ LoadFrom = Callable[[PhaseState], Load]
 """Returns the load in addition to the held wrench, for a step that starts in a phase."""
 
 OfPhase = Callable[[PhaseState], float]
+
+Enough = Callable[[], bool]
+"""Says whether whoever asked for the motion has no more time for it; asked after each stride or call of a kernel."""
+
+
+class OutOfTime(Exception):  # noqa: N818
+    """Enough strides have been taken for now; asking again continues from there."""
+
+
+def stop_if(enough: Enough | None, more: bool) -> None:
+    """Raise `OutOfTime` if it is `enough` while there is `more` to do."""
+    if enough is not None and more and enough():
+        raise OutOfTime
 
 
 class LoadScales(NamedTuple):
@@ -57,6 +71,8 @@ Choose = Callable[[PhaseState, Callable[[Method], "Stepper"]], tuple[Method, Ste
 """Return the method and its control for the motion after a phase; both controls use the same unit of time."""
 
 _NO_SCALES = LoadScales()
+
+_LEARNING = AccuracyControl, OwnControl
 
 _CHOOSE_AGAIN = 64
 
@@ -148,18 +164,24 @@ class Arc:
         more = arc_state.strides > self._strides
         self._phase, self._reached, self._strides = arc_state.phase, arc_state.reached, arc_state.strides
         self._stride, self._after = (arc_state.stride, arc_state.after) if arc_state.stride else (None, None)
-        if isinstance(self._control, (AccuracyControl, OwnControl)):
+        if isinstance(self._control, _LEARNING):
             self._control.learnt, self._control.following = arc_state.learnt, arc_state.following
         if more:
             self._count(0)
 
-    def at(self, time_ns: int) -> PhaseState:
+    @property
+    def reached_ns(self) -> int:
+        """Time of the grid point reached, rounded up to nanoseconds: no earlier phase can be had."""
+        return self._start_ns - (-self._reached // self._control.denominator)
+
+    def at(self, time_ns: int, enough: Enough | None = None) -> PhaseState:
         """Return the phase at `time_ns`, not before the last time requested nor the start.
 
         Raises:
             ConvergenceError: a step could not be solved.
+            OutOfTime: it was `enough` before.
         """
-        self.advance(time_ns)
+        self.advance(time_ns, enough)
         denominator, parts = self._control.denominator, self._control.parts
         h = ((time_ns - self._start_ns) * denominator - self._reached) / (denominator * NANOSECONDS) / parts
         if h <= 0.0:
@@ -173,25 +195,43 @@ class Arc:
             self._control.require_known(self._phase, phase, h)
         return phase
 
-    def advance(self, time_ns: int) -> None:
+    def advance(self, time_ns: int, enough: Enough | None = None) -> None:
         """Take the strides that end by `time_ns`, so that later requests cost less.
 
         Raises:
-            ConvergenceError: a step could not be solved.
+            ConvergenceError: a step could not be solved; the arc is as it was.
+            OutOfTime: it was `enough` before.
         """
+        control = self._control
+        before = self._phase, self._reached, self._strides, self._stride, self._after
+        learnt = (control.learnt, control.following) if isinstance(control, _LEARNING) else None
+        method, methods = self._method, len(self.methods)
+        try:
+            self._advance_to(time_ns, enough)
+        except ConvergenceError:
+            # Another load may act from any time on that was requested: its arc must not know of what failed.
+            if control is not self._control:
+                self._use(method, control)
+                del self.methods[methods:]
+            self._phase, self._reached, self._strides, self._stride, self._after = before
+            if isinstance(control, _LEARNING) and learnt is not None:
+                control.learnt, control.following = learnt
+            raise
+
+    def _advance_to(self, time_ns: int, enough: Enough | None) -> None:
         target = (time_ns - self._start_ns) * self._control.denominator
         if isinstance(self._control, FixedStep):
-            self._take_equal_strides(self._control.length, target)
+            self._take_equal_strides(self._control.length, target, enough)
         while target > self._reached:
-            if self._kernel is not None and self._take_strides(target):
-                continue
-            end = self._reached + self._next_stride()
-            self._control.begin()
-            if end > target:
-                return
-            self._take_stride()
+            if self._kernel is None or not self._take_strides(target):
+                end = self._reached + self._next_stride()
+                self._control.begin()
+                if end > target:
+                    return
+                self._take_stride()
+            stop_if(enough, self.reached_ns < time_ns)
 
-    def _take_equal_strides(self, length: int, target: int) -> None:
+    def _take_equal_strides(self, length: int, target: int, enough: Enough | None) -> None:
         """Take strides of `length` in a kernel, as far as it can; the rest are taken one by one."""
         h = length / (self._control.denominator * NANOSECONDS)
         while (left := (target - self._reached) // length) > 0:
@@ -202,6 +242,7 @@ class Arc:
             self._phase, self._reached = phase, self._reached + count * length
             self._stride = None
             self._count(count)
+            stop_if(enough, count < left)
 
     def _take_strides(self, target: int) -> bool:
         """Take strides chosen by a kernel until `target`, and keep the next one; return whether any was taken."""
@@ -222,7 +263,7 @@ class Arc:
 
     def _progress(self, room: int, count: int, ahead: int) -> Progress | None:
         control = self._control
-        if self._kernel is None or not isinstance(control, (AccuracyControl, OwnControl)):
+        if self._kernel is None or not isinstance(control, _LEARNING):
             return None
         progress = self._advance.progress(self._kernel, control, self._phase, room, count, ahead)
         if progress is not None:
@@ -350,7 +391,7 @@ class Stepper:
             ConvergenceError: no stride meets the accuracy.
         """
         strides = self.strides(control)
-        if strides is not None and isinstance(control, (AccuracyControl, OwnControl)) and strides.at_hand(1):
+        if strides is not None and isinstance(control, _LEARNING) and strides.at_hand(1):
             progress = self.progress(strides, control, phase, 0, 1, 1)
             if progress is not None and progress.next_stride:
                 control.following = progress.following

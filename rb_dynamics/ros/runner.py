@@ -110,7 +110,7 @@ class Runner:
     @property
     def behind(self) -> bool:
         """Whether there is something to compute before the present time."""
-        return (self._reached_ns < self._goal_ns or self.steps_left > 0) and not self.done
+        return (self.simulation.computed_ns < self._goal_ns or self.steps_left > 0) and not self.done
 
     @property
     def scene(self) -> Scene:
@@ -138,7 +138,7 @@ class Runner:
     def go(self) -> None:
         """Pace from here: the time until now, a pause or preparation, passed without the body and is not a lag."""
         offset_ns = self.pacer.offset_ns
-        self.pacer.restart(self._reached_ns)
+        self.pacer.restart(self.simulation.computed_ns)
         self._keep_to_stamps(offset_ns)
 
     def seconds_until_due(self) -> float:
@@ -161,7 +161,7 @@ class Runner:
         if not self.paused:
             # The pacer may have given up a lag meanwhile.
             self._goal_ns = self._lockstep_limit() if self.lockstep else min(due_ns, self._due_ns())
-        if self.steps_left and self._reached_ns >= self._goal_ns:
+        if self.steps_left and self.simulation.computed_ns >= self._goal_ns:
             self.steps_left -= 1
             self._goal_ns = max(self._goal_ns, self._within(self.simulation.next_output_ns()))
         self._burst()
@@ -233,7 +233,7 @@ class Runner:
         while self.steps_left and self.behind:
             yield
         goal_ns = self._goal_ns
-        while self._reached_ns < goal_ns and self.behind:
+        while self.simulation.computed_ns < goal_ns and self.behind:
             yield
 
     def reset(self) -> str:
@@ -378,7 +378,7 @@ class Runner:
         time_ns = stamp_ns if by_stamp else max(self._arrived_ns(age_ns), self._latest_ns[topic])
         # A rejected command counts for lockstep: time must not wait for one that will never act.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
-        computed_ns = self._computed_ns
+        computed_ns = self.simulation.computed_ns
         command = self.simulation.check(topic, wrench)
         # A rejected command never acts, so no later one is late or superseded because of it.
         classified = by_stamp and command.held is not None
@@ -465,7 +465,7 @@ class Runner:
         self.health.paused(f"paused at {self.shown_time}, because {message}; ~/reset starts again")
 
     def _hold_still(self) -> None:
-        self._goal_ns = self._reached_ns
+        self._goal_ns = self.simulation.computed_ns
         self.steps_left = 0
         self.interruptions += 1
 
@@ -495,8 +495,8 @@ class Runner:
         self._arrivals = {topic: Arrivals() for topic in self._topics}
         # Time of the newest command, and how many in a row came too late for how fast the body turns.
         self._paces: dict[str, tuple[int, int]] = {}
-        # Time to advance to, time computed so far, and how much to compute before checking the clock.
-        self._goal_ns = self._reached_ns = 0
+        # Time to advance to, and how much to compute before checking the clock.
+        self._goal_ns = 0
         self.steps_left = 0
         self._slice_ns = 1_000_000
         self._before_ns = before_ns
@@ -511,7 +511,7 @@ class Runner:
         With `carry`, held and waiting commands continue, with their timeouts counted anew; with `forget`, the health of
         the old run is cleared, including a failure to close its log.
         """
-        ended_ns, newest, latest = self._computed_ns, self._newest, self._latest_ns
+        ended_ns, newest, latest = self.simulation.computed_ns, self._newest, self._latest_ns
         outstanding = self.simulation.outstanding() if carry else []
         simulation = Simulation(scene, self._host.sinks())
         self.simulation.finish()
@@ -535,12 +535,7 @@ class Runner:
 
     def _passed_ns(self) -> int:
         """Return the simulation time since the last reset."""
-        return self._before_ns + self._computed_ns
-
-    @property
-    def _computed_ns(self) -> int:
-        """Time up to which the motion is fixed: commands act from there on."""
-        return max(self.simulation.time_ns, self._reached_ns)
+        return self._before_ns + self.simulation.computed_ns
 
     def _require_no_schedule(self, scene: Scene) -> None:
         if scene.actuators:
@@ -586,7 +581,7 @@ class Runner:
 
         The next output may be far away, and a lag must be noticed before it.
         """
-        return min(self._next_ns(), self._reached_ns + self.pacer.since(round(LONGEST_WAIT * NANOSECONDS)))
+        return min(self._next_ns(), self.simulation.computed_ns + self.pacer.since(round(LONGEST_WAIT * NANOSECONDS)))
 
     def _lockstep_limit(self) -> int:
         """Return the smallest of the channels' newest stamps, the limit of time in lockstep."""
@@ -612,17 +607,18 @@ class Runner:
         """Advance towards the goal for a few milliseconds; how time is divided does not change the motion."""
         begun = now = time.monotonic_ns()
         while True:
-            until = min(self._goal_ns, self._reached_ns + self._slice_ns)
+            before_ns = self.simulation.computed_ns
+            until = min(self._goal_ns, before_ns + self._slice_ns)
             try:
-                self.simulation.advance(until)
+                # A command in it may make the rest of a slice cost any amount of time.
+                self.simulation.advance(until, lambda: time.monotonic_ns() - begun > _LONGEST_BURST_NS)
             except (ConvergenceError, LogError, OverflowError) as error:
                 # A log that fails stops on its own; an error here is a stamp that no message can hold.
                 self.fail(f"the motion cannot be continued: {error}")
                 return
             finally:
                 self._forget_what_was_taken_back()
-            whole_slice = until - self._reached_ns == self._slice_ns
-            self._reached_ns = max(self._reached_ns, until)
+            whole_slice = self.simulation.computed_ns - before_ns == self._slice_ns
             before, now = now, time.monotonic_ns()
             # Measure the cost by whole slices only: an empty one says nothing.
             if whole_slice and now - before < _LONGEST_BURST_NS // 8:

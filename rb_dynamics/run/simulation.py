@@ -39,7 +39,7 @@ from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
 from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
-from rb_dynamics.motion.arc import Arc, LoadFrom, OfPhase
+from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
 from rb_dynamics.motion.phase_state import (
@@ -572,15 +572,30 @@ class Simulation:
         output = self.next_output_ns()
         return output if self._sensing is None else min(output, self._sensing.next_ns)
 
-    def advance(self, until_ns: int) -> None:
+    @property
+    def computed_ns(self) -> int:
+        """The time up to which the motion is computed, edge or not: nothing can take effect before it."""
+        return self._computed_ns
+
+    def advance(self, until_ns: int, enough: Enough | None = None) -> None:
         """Advance to the last edge at or before `until_ns`, never past the end of the scene.
+
+        With `enough`, it ends after the first stride or edge at which `enough()` is true, at `computed_ns`.
 
         Raises:
             ConvergenceError: a step could not be solved; `time_ns` and `sample` remain at the last good state.
         """
-        until_ns = time_count(until_ns, "until_ns")
-        output = self.next_output_ns()
+        try:
+            with contextlib.suppress(OutOfTime):
+                self._advance(time_count(until_ns, "until_ns"), enough)
+        finally:
+            # However it ended, the strides taken are final.
+            self._computed_ns = max(self._computed_ns, self._arc.reached_ns)
+
+    def _advance(self, until_ns: int, enough: Enough | None) -> None:
+        output, begun_ns = self.next_output_ns(), self.time_ns
         while True:
+            stop_if(enough, begun_ns < self.time_ns < until_ns)
             change = self._next_change_ns()
             if self._stale:
                 self._renew_before(change)
@@ -590,18 +605,18 @@ class Simulation:
                 continue
             edge, switch = self._nearest_ns(output, change), None
             if self._wheels is not None and not self.ended:
-                switch = self._next_switch_ns(self._wheels, min(edge, until_ns))
+                switch = self._next_switch_ns(self._wheels, min(edge, until_ns), enough)
                 edge = edge if switch is None else switch
             if edge > until_ns or self.ended:
                 # No edge is reached, but steps towards it are taken, so that the next call costs less.
                 if not self.ended:
-                    self._arc.advance(until_ns)
+                    self._arc.advance(until_ns, enough)
                     self._computed_ns = max(self._computed_ns, until_ns)
                 return
             if edge > self._one_by_one_ns and self._fly(until_ns):
                 output = self.next_output_ns()
                 continue
-            phase = self._arc.at(edge)
+            phase = self._arc.at(edge, enough)
             _require_finite(self.scene.body, phase, edge)
             if self._wheels is not None and edge > self.time_ns:
                 self._wheels.move_on()
@@ -762,7 +777,7 @@ class Simulation:
                 self._phase = turned._replace(high=turned.high + high, low=turned.low + low)
             self._stale = True
 
-    def _next_switch_ns(self, wheels: WheelSet, until_ns: int) -> int | None:
+    def _next_switch_ns(self, wheels: WheelSet, until_ns: int, enough: Enough | None) -> int | None:
         """Return the first time up to `until_ns` at which a wheel switches between free and held; None if none does.
 
         The search covers whole strides, so that the result depends neither on outputs nor on the calls of `advance`.
@@ -772,6 +787,7 @@ class Simulation:
             end_ns = self._arc.next_grid_ns()
             if end_ns == self._searched_ns:
                 self._arc.advance(end_ns)
+                stop_if(enough, end_ns < until_ns)
                 continue
             first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
             self._searched_ns = end_ns

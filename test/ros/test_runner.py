@@ -693,3 +693,27 @@ def test_commands_slower_than_the_body_turns_and_a_wheel_near_its_limit_are_told
     assert [message for message in said if "max_speed" in message] == [
         "wheel is near its max_speed of 100 rad/s, beyond which it gives no torque"
     ]
+
+
+def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
+    """A step turns the body by about a radian: a slice learned before would take a day."""
+    body = runner(
+        "body: {mass: 1, inertia: {diagonal: [0.1, 0.2, 0.3]}}\neffects: [{type: linear_drag, rotation: 0.01}]\n",
+        Mode(),
+    )
+    body.go()
+    until = time.monotonic() + 0.5
+    while time.monotonic() < until:
+        body.tick()
+    body.set_state(replace(body.state, angular_velocity_body=(1e7, 0.0, 0.0)))
+    before_ns, longest = body.simulation.computed_ns, 0.0
+    until = time.monotonic() + 1.0
+    while time.monotonic() < until:
+        begun = time.process_time()
+        body.tick()
+        longest = max(longest, time.process_time() - begun)
+    assert longest < 0.1
+    assert 0 < body.simulation.computed_ns - before_ns < 50_000_000
+    status = body.health.status(body.simulation, body.pacer, "running")
+    assert int(status.values["overruns"]) > 0
+    assert "the machine is too slow" in status.message

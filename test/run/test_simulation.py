@@ -48,6 +48,15 @@ SOLVERS = {
     "midpoint": Solver("midpoint", step=0.03, accuracy=None),
 }
 
+RUBBED_WHEEL = parse_scene(
+    """
+body: {mass: 1, inertia: {diagonal: [0.1, 0.2, 0.3]}}
+initial: {angular_velocity_body: [0.3, -0.2, 3]}
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, friction: {coulomb: 0.01}, speed: 0.2}]
+effects: [{type: linear_drag, rotation: 0.01}]
+"""
+)
+
 each_solver = pytest.mark.parametrize("solver", SOLVERS.values(), ids=list(SOLVERS))
 
 
@@ -96,6 +105,30 @@ class TestBits:
                 run.advance(end)
             run.finish()
 
+        assert split.events == whole.events
+        assert split.result == whole.result
+
+    @pytest.mark.parametrize("scene", [*map(driven, SOLVERS.values()), RUBBED_WHEEL], ids=[*SOLVERS, "wheel"])
+    def test_do_not_depend_on_when_it_was_enough(self, scene: Scene) -> None:
+        whole, split = Recorder(), Recorder()
+        calls = 0
+        for recorder in (whole, split):
+            run = Simulation(scene, [recorder])
+            for topic, wrench in COMMANDS:
+                if scene.actuators:
+                    run.actuate("wheel/command", wrench.force[0], wrench.stamp_ns)
+                else:
+                    run.post(topic, wrench, wrench.stamp_ns)
+            run.start()
+            run.advance(END, None if recorder is whole else lambda: True)
+            while run.computed_ns < END:
+                before_ns = run.computed_ns
+                run.advance(END, lambda: True)
+                assert run.computed_ns > before_ns
+                calls += 1
+            run.finish()
+
+        assert calls >= int(whole.result["steps"])
         assert split.events == whole.events
         assert split.result == whole.result
 
@@ -403,6 +436,20 @@ class TestFailure:
         assert run.time_ns == stopped.time_ns + SECOND
         assert math.isfinite(run.sample.kinetic_energy)
         assert run.sample.kinetic_energy == pytest.approx(stopped.kinetic_energy, rel=0.05)
+
+    def test_goes_on_with_the_bits_of_a_run_that_never_failed(self) -> None:
+        """Between two outputs, from the time up to which the motion was computed when it failed."""
+        run, never = (Simulation(driven(Solver("rkmk4", step=1e-3), 1.0)) for _ in range(2))
+        for each in (run, never):
+            each.post("world", Wrench(ZERO, (1.4e4, 0.0, 0.0), "body"))
+        run.advance(400_000_000)
+        with pytest.raises(ConvergenceError, match="expected less than 3 rad"):
+            run.advance(SECOND)
+        assert run.computed_ns == 400_000_000
+        for each in (run, never):
+            each.post("world", Wrench(), 400_000_000)
+            each.advance(SECOND)
+        assert run.sample == never.sample
 
     def test_the_sinks_are_closed(self) -> None:
         recorder = Recorder()
