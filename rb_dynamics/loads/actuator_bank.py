@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
-from rb_dynamics.loads.command_channels import AppliedWrench
+from rb_dynamics.loads.command_channels import HUGE, AppliedWrench
 from rb_dynamics.loads.effect import Field, Wrenching
 from rb_dynamics.loads.magnetorquer import Magnetorquer, turned_in_field
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
@@ -62,9 +62,7 @@ class ActuatorBank:
         self._ramps: dict[int, tuple[Transient, float]] = {}
         wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
         self.wheels = WheelSet(wheels, body) if wheels else None
-        self._wheel = {actuator.name: k for k, actuator in enumerate(wheels)}
-        # New commands of wheels.
-        self._turning: list[tuple[int, float]] = []
+        self._wheel = {wheel.topic: (k, wheel) for k, wheel in enumerate(wheels)}
 
     def accept(self, topic: str, value: float) -> bool:
         """Return whether the limits of an actuator reduce a command, without applying it.
@@ -120,13 +118,29 @@ class ActuatorBank:
             heapq.heappush(self._queue, edge._replace(time_ns=now_ns + delay_ns, value=value, acts=True))
         return told
 
-    def turn(self, omega: Vector, states: Sequence[float]) -> None:
-        """Apply the new commands of wheels, while the body turns with `omega` (principal axes)."""
+    def turn(self, told: Sequence[ActuatorCommand | AppliedWrench], omega: Vector, states: Sequence[float]) -> None:
+        """Apply the commands of wheels among `told`, while the body turns with `omega` (principal axes)."""
         if self.wheels is not None:
             speeds = self.wheels.speeds(omega, states)
-            for wheel, value in self._turning:
-                self.wheels.command(wheel, value, speeds[wheel])
-            self._turning.clear()
+            for _, k, _, value in self._to_wheels(told):
+                self.wheels.command(k, value, speeds[k])
+
+    def huge(self, told: Sequence[ActuatorCommand | AppliedWrench]) -> int | None:
+        """Return the place of the largest command of a wheel, if larger than any motor gives: see `HUGE`."""
+        largest, found = HUGE, None
+        for place, _, wheel, value in self._to_wheels(told):
+            if (spin_up := wheel.spin_up(value)) > largest:
+                largest, found = spin_up, place
+        return found
+
+    def _to_wheels(
+        self, told: Sequence[ActuatorCommand | AppliedWrench]
+    ) -> Iterator[tuple[int, int, ReactionWheel, float]]:
+        """Yield the place of each accepted command to a wheel, the wheel with its number, and the value that acts."""
+        for place, each in enumerate(told):
+            if isinstance(each, ActuatorCommand) and not each.reason and each.topic in self._wheel:
+                k, wheel = self._wheel[each.topic]
+                yield place, k, wheel, wheel.accept(each.value).value
 
     def held(self) -> HeldWrench:
         """Return the wrench of the thrusters about the centre of mass, body axes, without those of `transients`."""
@@ -167,8 +181,6 @@ class ActuatorBank:
         """Apply a command to an actuator; return its effect on the body if that is a wrench."""
         k = edge.actuator
         actuator, value = self._actuators[k], edge.value
-        if isinstance(actuator, ReactionWheel):
-            self._turning.append((self._wheel[actuator.name], value))
         if not isinstance(actuator, Thruster):
             self.changed = True
             self._values[k] = value

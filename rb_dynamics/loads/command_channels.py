@@ -49,7 +49,7 @@ LAG = f"0 (none) or a time from {SHORTEST:g} to {LONGEST:.1e} (s)"
 
 # m/s^2 and rad/s^2, more than any actuator gives. If the motion cannot continue and the accelerations are larger, the
 # command is rejected; if they are smaller, the step or the accuracy is the cause, which is an error for the user.
-_HUGE = 1e6
+HUGE = 1e6
 
 
 # Topics that the node publishes: a channel of the same name would clash with them in the graph and in the log.
@@ -436,11 +436,9 @@ class WrenchChannels:
         force, torque = (np.abs(held.reshape(count, 2, 2, 3)[:, :, k]).max(axis=(1, 2), initial=0.0) for k in (0, 1))
         largest_force, largest_torque = self._largest
         if self._body is not None:
-            largest_force = min(largest_force, 0.999 * _HUGE * self._body.mass)
+            largest_force = min(largest_force, 0.999 * HUGE * self._body.mass)
             largest_torque = (
-                0.0
-                if self._body.is_particle
-                else min(largest_torque, 0.999 * _HUGE * min(self._body.principal_moments))
+                0.0 if self._body.is_particle else min(largest_torque, 0.999 * HUGE * min(self._body.principal_moments))
             )
         elif self._frames.turns is False:
             largest_torque = 0.0
@@ -684,7 +682,7 @@ class WrenchChannels:
     @property
     def huge(self) -> bool:
         """Whether the last `apply` set a wrench larger than any actuator gives: then a step must be tried first."""
-        return any(self._acceleration(pending) > _HUGE for pending in self._done)
+        return any(self._acceleration(pending) > HUGE for pending in self._done)
 
     def take_back(self, reason: str) -> RejectedWrench:
         """Undo the last `apply`; the next one rejects the largest of its commands for `reason`.

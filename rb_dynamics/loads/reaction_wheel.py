@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
 from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, check_vector, read_numbers
+from rb_dynamics.loads.wrench import FASTEST
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import Vector, dot, norm, scale
@@ -175,5 +176,15 @@ class ReactionWheel(Actuator):
         axis = rotate_inverse(body.principal_orientation_xyzw, self.axis)
         return scale(1.0 / norm(axis), axis)
 
+    def spin_up(self, value: float) -> float:
+        """Return the angular acceleration (rad/s^2) that the motor gives the wheel at most under a command."""
+        return (abs(value) if self.command == "torque" else self.max_torque) / self.inertia
+
     def _accept(self, value: float) -> Accepted:
-        return clipped(value, self.max_torque if self.command == "torque" else self.max_speed)
+        accepted = clipped(value, self.max_torque if self.command == "torque" else self.max_speed)
+        if self.command == "torque" and self.spin_up(accepted.value) > FASTEST:
+            raise WrenchError(
+                f"{self.topic}: {value!r} N m, expected at most {FASTEST * self.inertia:.3g} N m: the wheel would soon "
+                "turn by a radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
+            )
+        return accepted

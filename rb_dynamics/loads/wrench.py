@@ -252,7 +252,7 @@ class WrenchFrames:
 # s; and the largest number whose square is a finite double.
 _HELD, _SQUARE = 3600.0, 1e154
 # rad/s^2: leads within a millisecond from rest to a radian per nanosecond.
-_FASTEST = 1e12
+FASTEST = 1e12
 
 
 def largest_wrench(body: RigidBody) -> tuple[float, float]:
@@ -262,7 +262,7 @@ def largest_wrench(body: RigidBody) -> tuple[float, float]:
     this torque, it turns after a millisecond by at most a radian per nanosecond, the unit of time.
     """
     force = min(body.mass, math.sqrt(body.mass)) * (_SQUARE / _HELD)
-    return force, math.inf if body.is_particle else _FASTEST * min(body.principal_moments)
+    return force, math.inf if body.is_particle else FASTEST * min(body.principal_moments)
 
 
 def require_possible(force: float, torque: float, largest: tuple[float, float]) -> None:

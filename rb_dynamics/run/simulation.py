@@ -114,8 +114,8 @@ class Simulation:
 
     Attributes:
         clipped: number of commands reduced by the limits of their channel.
-        taken_back: commands that `post` accepted, but that were rejected because the motion could not continue with
-            them.
+        taken_back: commands that `post` or `actuate` accepted, but that were rejected because the motion could not
+            continue with them.
         refused: states from `set_state` from which the motion could not continue, each with the reason; the body was
             not moved.
         continues: whether this run continues the run in `scene.past`, with its bits, impulses and work. It does not if
@@ -144,7 +144,7 @@ class Simulation:
         self._inputs = InputHash(scene)
         # States to move the body to, in order of time.
         self._moves: list[StateChange] = []
-        self.taken_back: list[RejectedWrench] = []
+        self.taken_back: list[RejectedWrench | ActuatorCommand] = []
         self.refused: list[tuple[StateChange, str]] = []
         self.clipped = 0
         # Times at which wheels came near their limits, by wheel and limit.
@@ -784,24 +784,35 @@ class Simulation:
         """
         # At the end of a stride after which none may switch, the next is not chosen: a new arc may begin there.
         while self._switch_ns is None and until_ns > self._searched_ns - self._unlike:
-            end_ns = self._arc.next_grid_ns()
-            if end_ns == self._searched_ns:
-                self._arc.advance(end_ns)
-                stop_if(enough, end_ns < until_ns)
-                continue
-            first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
-            self._searched_ns = end_ns
-            # The phase at the end of a stride is known if the stride was taken to choose it.
-            state = self._arc.state
-            self._unlike = state.stride == 0 or self._beyond(wheels, state.after) > 0.0
-            above = self._beyond(wheels, self._arc.at(last)) if self._unlike and last > first else 0.0
-            if above > 0.0:
-                found = SignChange(first, last, min(self._beyond(wheels, state.phase), 0.0), above)
-                while found.last - found.first > 1:
-                    middle = next_guess(found)
-                    found = narrowed(found, middle, self._beyond(wheels, self._arc.at(middle)))
-                self._switch_ns = found.last
+            before = self._searched_ns, self._unlike
+            try:
+                self._search_stride(wheels)
+            except ConvergenceError:
+                self._searched_ns, self._unlike = before
+                if until_ns > max(self._searched_ns, self.time_ns):
+                    raise
+                # Time does not enter that stride: another load may act from its beginning on.
+                break
+            stop_if(enough, self.time_ns < before[0] < until_ns)
         return self._switch_ns if self._switch_ns is not None and self._switch_ns <= until_ns else None
+
+    def _search_stride(self, wheels: WheelSet) -> None:
+        """Search the next stride for a time at which a wheel switches."""
+        if self._arc.next_grid_ns() == self._searched_ns:
+            self._arc.advance(self._searched_ns)
+        end_ns = self._arc.next_grid_ns()
+        first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
+        self._searched_ns = end_ns
+        # The phase at the end of a stride is known if the stride was taken to choose it.
+        state = self._arc.state
+        self._unlike = state.stride == 0 or self._beyond(wheels, state.after) > 0.0
+        above = self._beyond(wheels, self._arc.at(last)) if self._unlike and last > first else 0.0
+        if above > 0.0:
+            found = SignChange(first, last, min(self._beyond(wheels, state.phase), 0.0), above)
+            while found.last - found.first > 1:
+                middle = next_guess(found)
+                found = narrowed(found, middle, self._beyond(wheels, self._arc.at(middle)))
+            self._switch_ns = found.last
 
     def _measure(self) -> None:
         """Let the sensors read the motion at `time_ns`, and pass to the sinks what has arrived by then."""
@@ -871,18 +882,33 @@ class Simulation:
             changes = [*came, *self._channels.apply(self.time_ns, orientation)]
         self._write_changes(changes)
         if self._bank is not None:
-            for told in self._bank.apply(self.time_ns):
+            for told in self._drive(self._bank):
                 if self._sinks and isinstance(told, ActuatorCommand) and not told.reason:
                     self._inputs.actuate(told)
                 self.write(told)
-            if self._bank.changed:
-                self._bank.turn(self._phase.angular_velocity, self._phase.inner)
-                self._stale = True
         # A rejected command leaves no trace in the motion, not even an edge.
         if kink or any(isinstance(change, AppliedWrench) for change in changes):
             self._stale = True
         while self._moves and self._moves[0].time_ns <= self.time_ns:
             self._move(self._moves.pop(0))
+
+    def _drive(self, bank: ActuatorBank) -> list[ActuatorCommand | AppliedWrench]:
+        """Apply what is due to the actuators, but not the commands of wheels under which no step can be taken."""
+        told = bank.apply(self.time_ns)
+        if not bank.changed:
+            return told
+        before = () if self._wheels is None else self._wheels.now
+        turning = self._phase.angular_velocity, self._phase.inner
+        bank.turn(told, *turning)
+        while (place := bank.huge(told)) is not None and (reason := self._obstacle()):
+            refused = told[place] = replace(
+                cast("ActuatorCommand", told[place]), reason=f"not one step can be taken under it: {reason}"
+            )
+            self.taken_back.append(refused)
+            cast("WheelSet", self._wheels).restore(before)
+            bank.turn(told, *turning)
+        self._stale |= any(not (isinstance(each, ActuatorCommand) and each.reason) for each in told)
+        return told
 
     def _move(self, change: StateChange) -> None:
         """Move the body, unless the motion could not continue from there."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -76,3 +77,34 @@ actuators: [{type: thruster, name: jet, frame: jet, force: 2.0, minimum_on: 0.01
     opened, closed = bag.topics["/jet/applied"].log_times
     assert closed - opened == 50_000_000
     assert bag.topics["/linear_momentum"].numbers[-1, 0] == pytest.approx(0.1, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("solver", "command", "why"),
+    [("{accuracy: 1e-9}", 1e12, "expected at most"), ("{method: dop853, step: 0.01}", 1e6, "not one step")],
+)
+def test_a_command_that_no_wheel_can_follow_is_rejected_and_the_body_moves_on(
+    tmp_path: Path, peer: Peer, solver: str, command: float, why: str
+) -> None:
+    scene, log = tmp_path / "scene.yaml", tmp_path / "run.mcap"
+    scene.write_text(f"""
+body: {{mass: 10, inertia: {{diagonal: [0.05, 0.12, 0.14]}}}}
+wrenches: []
+solver: {solver}
+actuators: [{{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4}}]
+""")
+    with running(scene, mcap=log) as node:
+        diagnostics = peer.diagnostics()
+        publisher = peer.node.create_publisher(Float64, "wheel/command", 10)
+        peer.until(lambda: publisher.get_subscription_count() > 0, "a reader")
+        for value in (1e-3, command):
+            publisher.publish(Float64(data=value))
+            peer.spin(0.3)
+        peer.until(lambda: diagnostics and values(diagnostics[-1]).get("wheel/command: rejected") == "1", "a count")
+        assert values(diagnostics[-1])["wheel/command: accepted"] == "1"
+        assert re.search(f"wheel/command: rejected: .*{why}", diagnostics[-1].status[0].message)
+        assert node.stop() == 0
+    assert replay(log).identical
+    # Ten outputs in a tenth of a second under the torque of the first command, of which the wheel takes its share.
+    rates = read_bag(log).topics["/twist"].numbers[-11:, 5]
+    assert rates[-1] - rates[0] == pytest.approx(-0.1 * 1e-3 / (0.14 - 1e-4), rel=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import random
@@ -19,7 +20,7 @@ from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.body.state import State
 from rb_dynamics.cli import main
 from rb_dynamics.conversion.convert import to_table
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import ConvergenceError, LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
@@ -97,6 +98,30 @@ def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path) -> None:
         "/push": (5, 2, 0),
         "/robot/turn": (3, 2, 0),
     }
+
+
+@pytest.mark.parametrize(("torque", "goes_on"), [(200.0, False), (300.0, True)])
+def test_a_log_of_a_motion_that_could_not_be_continued(tmp_path: Path, torque: float, goes_on: bool) -> None:
+    """Not in the step after the last output, nor, if another command came there and helped, in that without it."""
+    path = tmp_path / "run.mcap"
+    scene = parse_scene("""
+body: {mass: 10, inertia: {diagonal: [0.05, 0.12, 0.14]}}
+wrenches: []
+solver: {method: dop853, step: 0.01}
+actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, friction: {coulomb: 1.0e-5}}]
+""")
+    run = Simulation(scene, [McapSink(path)])
+    run.start()
+    run.actuate("wheel/command", torque, 20_000_000)
+    with pytest.raises(ConvergenceError, match="the body turns too far in one step"):
+        run.advance(3 * 10**9)
+    failed_ns = run.time_ns
+    run.actuate("wheel/command", 0.0, run.computed_ns)
+    with contextlib.nullcontext() if goes_on else pytest.raises(ConvergenceError):
+        run.advance(failed_ns + 10**8)
+    assert (run.time_ns == failed_ns + 10**8) == goes_on
+    run.finish()
+    assert replay(path).identical
 
 
 def test_a_command_is_logged_as_the_bytes_that_came_and_replayed(tmp_path: Path) -> None:
