@@ -212,7 +212,8 @@ class Health:
         wrong = [
             (ERROR, self._pause),
             (ERROR, self._failure),
-            (WARN, self._warning or pacer.warning()),
+            (WARN, self._warning),
+            (WARN, pacer.warning()),
             *((WARN, message) for message in self._conditions.values()),
         ]
         level = max((each for each, message in wrong if message), default=OK)

@@ -701,6 +701,7 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
         "body: {mass: 1, inertia: {diagonal: [0.1, 0.2, 0.3]}}\neffects: [{type: linear_drag, rotation: 0.01}]\n",
         Mode(),
     )
+    body.health.warn("an earlier command was rejected")
     body.go()
     until = time.monotonic() + 0.5
     while time.monotonic() < until:
