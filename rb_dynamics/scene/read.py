@@ -115,8 +115,8 @@ def parse_scene(text: str, source: str = "<scene>", overrides: Mapping[str, obje
     Raises:
         SceneError: `text` is not a valid scene; one line for each problem, headed by `source` and its line.
     """
-    problems = Problems(source)
     instance(text, str, "text", "give the scene as YAML; a file is read with read_scene(path)")
+    problems = Problems(instance(source, str, "source", "name the text; write overrides={...} to replace keys"))
     tree = document.parse(text, problems)
     if document.holds(tree, ("scene", "runs"), "body"):
         raise SceneError(

@@ -161,3 +161,8 @@ def test_a_log_in_place_of_a_scene(example_dir: Path) -> None:
 def test_path_with_null_byte() -> None:
     with pytest.raises(SceneError, match="null byte"):
         read_scene("a\0b")
+
+
+def test_overrides_in_the_place_of_the_source_are_named() -> None:
+    with pytest.raises(TypeError, match=r"source is .*write overrides="):
+        parse_scene("body: {mass: 1}", {"duration": 1.0})  # type: ignore[arg-type]
