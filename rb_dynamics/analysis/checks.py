@@ -14,6 +14,7 @@ from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import Agreement
+from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.mcap_channel import is_latched
 from rb_dynamics.formats.topic_messages import Topic
@@ -63,6 +64,11 @@ def checks(
         Check(f"{steps.topic} is one stream", False, steps.disorder.told(track.zero_ns))
         for steps in track.wrenches
         if steps.disorder is not None and steps.disorder.restarts
+    ]
+    done += [
+        Check(f"{steps.topic} is whole", False, f"{still}: when each wrench acted is not known")
+        for steps in track.wrenches
+        if (still := standing(steps.time_ns))
     ]
     done += [_continuous(track, steady)] if steady is not None else []
     done += [_frozen(track, steady)] if steady is not None and steady.frozen else []

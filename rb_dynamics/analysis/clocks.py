@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.topic_messages import Topic
 
@@ -26,7 +27,7 @@ class Clock:
 
     Attributes:
         topic: as recorded.
-        stamped: whether its messages have stamps; otherwise they use log times and the offset is 0.
+        stamped: whether its messages have stamps that do not stand still; otherwise the offset is 0.
         offset_s: median.
         range_s: its change, without the scatter; 0 if there is only scatter.
         drift: seconds per second, if it changes uniformly; otherwise None.
@@ -56,7 +57,7 @@ def clocks(track: Track) -> tuple[Clock, ...]:
 def clock(topic: Topic) -> Clock:
     """Return the clock of one topic."""
     stamps = topic.stamps
-    if not topic.stamps_given:
+    if not topic.stamps_given or standing(stamps):
         return Clock(topic.name, False, 0.0)
     logged = topic.log_times
     offset = (logged - stamps) * 1e-9
@@ -70,7 +71,7 @@ def clock(topic: Topic) -> Clock:
     if np.ptp(middle) <= max(_UNDER_WAY, _ABOVE_NOISE * scatter):
         return Clock(topic.name, True, whole)
     at = np.array([np.median(piece) for piece in np.array_split((stamps - stamps[0]) * 1e-9, count)])
-    drift, level = np.polyfit(at, middle, 1)
+    drift, level = np.polyfit(at, middle, 1) if np.ptp(at) > 0.0 else (0.0, middle[0])
     straight = np.ptp(middle - level - drift * at) <= _STRAIGHT * np.ptp(middle)
     steps = np.diff(offset)
     largest = int(np.abs(steps).argmax())

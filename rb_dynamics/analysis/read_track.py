@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART, clock
-from rb_dynamics.analysis.stamp_order import disorder
+from rb_dynamics.analysis.stamp_order import disorder, standing
 from rb_dynamics.analysis.track import (
     LARGEST,
     Array,
@@ -539,7 +539,7 @@ class _TrackReader:
             for topic in sorted(chosen)
         )
         for held in steps:
-            if not held.known.all():
+            if not held.known.all() and not standing(held.time_ns):
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
                     f"in an undeclared frame (frames: {frame_names(held.frames)}); their effect is unknown. "
@@ -697,7 +697,7 @@ def _steps(
         torque=rows([p.torque_body for p in parts]) + rows([p.torque_world for p in parts]),
         world=world,
         at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in commands], dtype=bool)[order],
-        known=np.array([part is not None for part in held], dtype=bool)[order],
+        known=np.array([part is not None for part in held], dtype=bool)[order] & (not standing(times)),
         frames=tuple(sorted({wrench.frame_id for _, wrench in commands})),
         disorder=disorder(times),
         channel=limits,

@@ -1,4 +1,4 @@
-"""`Disorder`: stamps that do not ascend in the file: single messages that come late, or another run that begins."""
+"""Stamps that do not ascend in the file: single messages that come late, another run that begins, a clock that stands."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ Times = NDArray[np.int64]
 
 # Fewer messages than this in a row are not a run of their own.
 _RUN = 3
+# Fewer messages with one stamp may be sent at once.
+_STILL = 4
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,13 @@ def disorder(time_ns: Times) -> Disorder | None:
         restarts.append((int(newest[end - 1]), int(run[end])))
         run = run[end:]
     return Disorder(len(time_ns), len(odd), max(by, default=0), min(odd, default=0), tuple(restarts))
+
+
+def standing(time_ns: Times) -> str:
+    """Return that most messages have one stamp, as text; "" if they have not."""
+    count = len(time_ns)
+    same = int((time_ns == np.partition(time_ns, count // 2)[count // 2]).sum()) if count >= _STILL else 0
+    return f"stamps stand still: {count} messages, {same} with one stamp" if 2 * same > max(count, _STILL) else ""
 
 
 def _ahead(time_ns: Times) -> NDArray[np.intp]:

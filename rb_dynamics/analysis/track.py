@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.stamp_order import Disorder
+from rb_dynamics.analysis.stamp_order import Disorder, standing
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
@@ -72,7 +72,8 @@ class TimeSeries:
             each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
             of = f"{sum(self.strays.values())} of {self.count} messages"
             told.append(f"{of} are of other frames than the rest, and left out: {each}")
-        return told + ([self.disorder.told(start_ns)] if self.disorder is not None else [])
+        told += [self.disorder.told(start_ns)] if self.disorder is not None else []
+        return told + [still for still in [standing(self.time_ns)] if still]
 
 
 @dataclass(frozen=True)

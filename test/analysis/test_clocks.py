@@ -76,3 +76,18 @@ def test_a_pose_without_stamps_is_put_to_those_of_the_twist() -> None:
     summary = summary_of(bag)
     assert summary.passed
     assert summary.duration_s == pytest.approx(9.99)
+
+
+@pytest.mark.parametrize("topic", ["/b/pose", "/b/twist", "/w"])
+def test_stamps_that_stand_still_are_told_and_the_rest_is_judged(topic: str) -> None:
+    motion = spin()
+    bag = bag_of(motion, wrench=True)
+    rows = bag.topics[topic].numbers if topic != "/w" else np.arange(6.0 * COUNT).reshape(-1, 6)
+    frame = "world" if topic == "/b/pose" else "base"
+    bag.topics[topic] = Topic(topic, bag.topics[topic].type_name)
+    fill(bag.topics[topic], np.full_like(motion.time_ns, SECOND), frame, rows, motion.time_ns)
+    summary = summary_of(bag)
+    told = {check.name: check.detail for check in summary.checks if not check.passed}
+    assert told[f"{topic} is whole"].startswith("stamps stand still: 1000 messages, 1000 with one stamp")
+    assert not any("run alike" in each or "another clock" in each for each in summary.warnings)
+    assert len(told) == 1
