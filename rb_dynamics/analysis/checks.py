@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other
+from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import Agreement
@@ -130,7 +130,8 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     if lost:
         return _unread(lost[0])
     begin = track.zero_ns
-    if faults := series.faults(begin):
+    parts = [each for each in (track.pose, track.twist) if each is not None and each.topic == series.topic]
+    if faults := [*series.faults(begin), *filter(None, (contradictions(each, begin) for each in parts))]:
         return Check(name, False, "; ".join(faults))
     steps = np.diff(series.time_ns)
     if not len(steps):

@@ -129,6 +129,36 @@ def continuity(track: Track) -> Continuity | None:
     )
 
 
+def contradictions(series: TimeSeries, start_ns: int) -> str:
+    """Return where a pose or twist has two samples of one stamp that differ, as text; "" if nowhere.
+
+    Stamps of a coarse clock may be alike, too: such samples differ by no more than the motion to another stamp does.
+    """
+    twice = np.flatnonzero(np.diff(series.time_ns) == 0)
+    if not len(twice):
+        return ""
+    first = np.flatnonzero(np.diff(series.time_ns, prepend=series.time_ns[0] - 1))
+    after = np.minimum(np.searchsorted(first, twice, "right") - 1, max(len(first) - 2, 0))
+    pose, found = series.values.shape[1] == 7, []
+    names = (("position", "m"), ("attitude", "rad")) if pose else (("velocity", "m/s"), ("angular velocity", "rad/s"))
+    for (name, unit), columns in zip(names, (slice(0, 3), slice(3, None)), strict=True):
+        turns, rows = name == "attitude", series.values[:, columns]
+        rows = unit_rows(rows) if turns else rows
+        size = _apart(rows[twice + 1], rows[twice], turns=turns)
+        moves = _apart(rows[first[1:]], rows[first[:-1]], turns=turns)
+        usual = np.maximum(_around(moves), moves) if len(moves) else np.zeros(1)
+        spread = float(np.median(np.abs(moves - usual))) if len(moves) else 0.0
+        rounding = 100.0 * np.finfo(float).eps * float(np.nanmax(np.abs(rows), initial=0.0))
+        beyond = size > _TIMES * usual[after] + _SPREADS * spread + rounding
+        if beyond.any():
+            at = (int(series.time_ns[twice[beyond][0]]) - start_ns) * 1e-9
+            found.append(
+                f"{name} jumps within 0 s, by up to {size[beyond].max():.4g} {unit}: {int(beyond.sum())} samples have "
+                f"the stamp of one that they contradict, first at t = {at:.6g} s"
+            )
+    return "; ".join(found)
+
+
 def _changes(pose: TimeSeries, *, turns: bool) -> Array:
     """Return the rotation (rad) or the distance (m) from each sample to the next."""
     blocks = in_blocks(pose.values, 1)

@@ -1,4 +1,4 @@
-"""Stamps that do not ascend in the file: single messages that come late, another run that begins, a clock that stands."""
+"""Stamps that do not ascend in the file: single messages that come late, another run, a clock that stands."""
 
 from __future__ import annotations
 

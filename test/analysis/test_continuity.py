@@ -174,3 +174,39 @@ def test_no_torque_is_claimed_where_the_pose_jumps() -> None:
     unknown = {check.name: check.detail for check in summary.checks if not check.judged}
     assert unknown["inertia explains the motion"] == "not judged; the pose jumps"
     assert "angular momentum balance" in unknown
+
+
+@pytest.mark.parametrize("what", ["position", "attitude", "velocity", "angular velocity"])
+@pytest.mark.parametrize("every", [1, 100])
+def test_samples_of_one_stamp_that_contradict_each_other_fail(what: str, every: int) -> None:
+    """However many: neither is the truth, and there is no motion in no time."""
+    motion = spin(noise=1e-4)
+    rows = np.sort(np.append(np.arange(1000), np.arange(0, 1000, every)))
+    twice = motion.taken(rows)
+    second = np.append(False, np.diff(rows) == 0)
+    other = replace(motion, orientation_xyzw=motion.turned(0.5)).taken(rows)
+    told = {"position": "position", "attitude": "orientation_xyzw", "velocity": "velocity", "angular velocity": "rate"}
+    values = getattr(twice, told[what])
+    values[second] = other.orientation_xyzw[second] if what == "attitude" else values[second] + (0.4, 0.0, 0.3)
+    pose = what in ("position", "attitude")
+    bag = bag_of(
+        twice if pose else motion, twist=motion if pose else replace(twice, orientation_xyzw=other.orientation_xyzw)
+    )
+    detail = failing(bag)[f"/b/{'pose' if pose else 'twist'} is whole"]
+    assert f"{what} jumps within 0 s, by up to 0.5" in detail
+    assert f": {1000 // every} samples have the stamp of one that they contradict, first at t = 0 s" in detail
+
+
+def test_poses_of_one_stamp_only_are_no_motion() -> None:
+    motion = spin()
+    assert (
+        "attitude jumps within 0 s" in failing(bag_of(replace(motion, time_ns=0 * motion.time_ns)))["/b/pose is whole"]
+    )
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("tick_ns", [20_000_000, 50_000_000])
+def test_stamps_of_a_coarse_clock_are_no_contradiction(noise: float, tick_ns: int) -> None:
+    motion = spin(noise=noise)
+    coarse = replace(motion, time_ns=motion.time_ns // tick_ns * tick_ns)
+    assert not any("within 0 s" in detail for detail in failing(bag_of(coarse)).values())
