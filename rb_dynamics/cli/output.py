@@ -188,7 +188,9 @@ def note_start(commands: RecordedWrenches) -> None:
 
 
 def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
-    """Warn on stderr of commands after the end of the run."""
+    """Warn on stderr of commands before the start of the run, and after its end."""
+    if commands.superseded:
+        print(f"warning: {commands.superseded_words}", file=sys.stderr)
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
         clocks = (

@@ -24,7 +24,7 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, next_file
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
-from rb_dynamics.formats.topic_messages import Times, Topic
+from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.command_table import CommandBatch, Received
@@ -39,18 +39,20 @@ Start: TypeAlias = Literal["auto", "bag", "first", "stamp"] | int
 """Which time is time 0 of the run.
 
 stamp: 0 of the stamps. first: the first command. bag: the first message of any topic, or the first command where that
-is stamped up to 1 s earlier, for it takes time to be recorded; log times that are of another clock than the stamps are
-moved to theirs. An integer: that stamp, ns. auto: as with stamp for
-each bag of which some commands lie within the run so, as with bag for the others, unless they begin less than 1e6 s
-after a run that some bag reaches: these are later in the same time. Several bags are of one time: the earliest of their
-starts is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours,
-which says when each took effect, go by their log times. Commands to actuators have no stamps and always do.
+is stamped up to 1 s earlier, for it takes time to be recorded, or the first stamp of commands and motion where log
+times do not follow the stamps, as over a link that stalls. Log times that are of another clock than the stamps are
+moved to theirs. An integer: that stamp, ns. auto: as with stamp for each bag of which some commands lie within the run
+so, as with bag for the others, unless they begin less than 1e6 s after a run that some bag reaches: these are later in
+the same time. Several bags are of one time: the earliest of their starts is that of all. Except with stamp, commands of
+a bag without any stamp, and of a log of ours, which says when each took effect, go by their log times. Commands to
+actuators have no stamps and always do.
 """
 
 _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
-# Every command is recorded at least so long after its stamp, or before it, only if these are of two clocks.
-_APART_NS = _NANOSECONDS // 10
+# Every command is recorded at least so long after its stamp, or before it, only if these are of two clocks; then the
+# mean is about the same, of which a link that delivers in bursts leaves more than this part of it.
+_APART_NS, _UNEVEN = _NANOSECONDS // 10, 0.25
 # Stamps of one topic that go back by more are those of another run, or another clock.
 _BACK_NS = _NANOSECONDS
 # Commands that begin later than this after the end of the run are of another clock than those within it.
@@ -115,14 +117,19 @@ class _Recording:
         count: commands for channels of the scene.
         begin_ns: the earliest log time of any message.
         behind_ns: how far its commands are recorded behind their stamps, at least; None without any.
-        unset_ns: the same of those whose stamp is 0; None without any.
+        sum_ns: that of each of them, summed.
+        stamped: how many these are.
+        unset_ns: the same as `behind_ns`, of those whose stamp is 0; None without any.
         fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
+        earliest: the two earliest times by stamps on each of its channels.
+        moves_ns: the first stamp of its motion; None without any.
         others_behind_ns: how far its other messages are recorded behind their stamps, at least; None without any.
         clock_ns: the same of the commands in another bag, for one without any stamp.
         within: commands between start and end of the run.
-        early: commands before its start, which act from the start on, unless another follows.
+        early: commands before its start, on each channel: the last acts from the start on, unless another is there.
+        prompt: channels that have a command at the start.
         acting: those within that can be honoured.
         refused: why the first that cannot be honoured cannot.
         lost: what is missing of the bag; "" if it is whole.
@@ -142,14 +149,19 @@ class _Recording:
     count: int = 0
     begin_ns: int | None = None
     behind_ns: int | None = None
+    sum_ns: float = 0.0
+    stamped: int = 0
     unset_ns: int | None = None
     fills: bool = False
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
+    earliest: dict[int, list[int]] = field(default_factory=dict)
+    moves_ns: int | None = None
     others_behind_ns: int | None = None
     clock_ns: int = 0
     within: int = 0
-    early: int = 0
+    early: Counter[int] = field(default_factory=Counter)
+    prompt: set[int] = field(default_factory=set)
     acting: int = 0
     refused: str = ""
     lost: str = ""
@@ -183,7 +195,7 @@ class _Recording:
         if not self.count:
             behind_ns = 0 if self.ours else self.clock_ns if self.others_behind_ns is None else self.others_behind_ns
             return behind_ns if abs(behind_ns) > _APART_NS else 0
-        found = () if self.by_log else (self.behind_ns, None if self.partly_unset else self.unset_ns)
+        found = () if self.by_log or self.uneven else (self.behind_ns, None if self.partly_unset else self.unset_ns)
         behind_ns = min((each for each in found if each is not None), default=0)
         return behind_ns if abs(behind_ns) > _APART_NS else 0
 
@@ -198,7 +210,38 @@ class _Recording:
     def start_ns(self) -> int:
         """Where it begins, see `Start`."""
         first_ns, begin_ns = self.span.first_ns or 0, (self.begin_ns or 0) - self.apart_ns
+        if self.stalls:
+            moves_ns = first_ns if self.moves_ns is None else self.moves_ns
+            return min(first_ns, moves_ns) if abs(moves_ns - first_ns) < _ONE_CLOCK_NS else first_ns
         return first_ns if begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
+
+    @property
+    def stalls(self) -> bool:
+        """Whether log times do not follow the stamps, or two commands of one channel are stamped before the bag."""
+        begin_ns, stamps = (self.begin_ns or 0) - self.apart_ns, self.earliest.values()
+        before = any(first[0] < begin_ns - _LATENCY_NS and first[-1] < begin_ns for first in stamps if len(first) > 1)
+        return not self.by_log and (before or (self.uneven and abs(self.behind_ns or 0) > _APART_NS))
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the log times are no constant time behind the stamps."""
+        behind_ns = self.behind_ns or 0
+        return self.sum_ns - behind_ns * self.stamped > _UNEVEN * abs(behind_ns) * self.stamped
+
+    def beside(self, block: MessageBlock, kind: str) -> None:
+        """Take messages that are no wrenches."""
+        if (behind_ns := _first_behind(block, kind)) is not None:
+            stamp_ns, known_ns = int(block.log_times[0]) - behind_ns, self.others_behind_ns
+            self.others_behind_ns = behind_ns if known_ns is None else min(known_ns, behind_ns, key=abs)
+            if kind in KEPT:
+                self.moves_ns = stamp_ns if self.moves_ns is None else min(self.moves_ns, stamp_ns)
+
+    def goes_on(self, channel: int, stamps_ns: Times) -> None:
+        """Take further stamps of a channel."""
+        told = np.append(self.newest.get(channel, stamps_ns[0]), stamps_ns)
+        self.back_ns = max(self.back_ns, int(-np.diff(told).min()))
+        self.newest[channel] = int(told[-1])
+        self.earliest[channel] = sorted([*self.earliest.get(channel, []), *np.sort(stamps_ns)[:2].tolist()])[:2]
 
     @property
     def log_offset_ns(self) -> int:
@@ -227,6 +270,7 @@ class RecordedWrenches:
     Attributes:
         first_ns: the earliest time; None if there is no command.
         late: how many lie after `end_ns`.
+        superseded: how many lie before time 0 and do not act, as another of their channel follows by then.
         two_clocks: whether a bag with commands within the run has others of another clock.
         notes: what a person should know of how the bags were read, one line each.
         facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
@@ -297,7 +341,11 @@ class RecordedWrenches:
             )
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
-        self.late = sum(bag.count - bag.within - bag.early for bag in self._bags)
+        self.late = sum(bag.count - bag.within - bag.early.total() for bag in self._bags)
+        early, prompt = Counter[int](), set[int]().union(*(bag.prompt for bag in self._bags))
+        for bag in self._bags:
+            early.update(bag.early)
+        self.superseded = sum(count - (channel not in prompt) for channel, count in early.items())
         came = [(bag.path.name, bag.offset_ns) for bag in self._bags]
         came += [(name, start_ns + bag.offset_ns) for bag in self._bags for name, start_ns in bag.origin]
         ends = [bag.span.last_ns - bag.offset_ns for bag in self._bags if bag.within and bag.span.last_ns is not None]
@@ -361,7 +409,7 @@ class RecordedWrenches:
             LogError: gives the times of its commands, and why.
         """
         for bag in self._bags:
-            if bag.count and not bag.acting and not (0 < bag.early < bag.count and not bag.refused):
+            if bag.count and not bag.acting and not (0 < bag.early.total() < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))
         if self.setpoints and self._late_setpoints() == len(self.setpoints) and not any(b.acting for b in self._bags):
             raise LogError(
@@ -369,6 +417,14 @@ class RecordedWrenches:
                 f"actuators acts: the run {self._run()}; let the run begin at a time of the bag by --wrench-start "
                 "SECONDS, or make it longer with --duration"
             )
+
+    @property
+    def superseded_words(self) -> str:
+        """How many commands are superseded before time 0, and what to do if most are."""
+        told = f"{self.superseded} of {len(self)} commands lie before time 0 and never act: later ones supersede them"
+        if 2 * self.superseded <= len(self):
+            return told
+        return f"{told}; let the run begin with the first by --wrench-start first, or at another time of the bag"
 
     def _late_setpoints(self) -> int:
         return sum(command.stamp_ns > self._end_ns for _, command in self.setpoints)
@@ -442,17 +498,14 @@ class RecordedWrenches:
                 bag.moves += len(block.log_times)
             if self._drives(block.channel) is not None:
                 bag.setpoints.add(block.log_times)
-            if kind not in WRENCHES and (behind_ns := _first_behind(block, kind)) is not None:
-                known_ns = bag.others_behind_ns
-                bag.others_behind_ns = behind_ns if known_ns is None else min(known_ns, behind_ns, key=abs)
+            if kind not in WRENCHES:
+                bag.beside(block, kind)
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
                     batch = _batch(source, bag, block, kind, self._topics.index(topic))
                     self._count(bag, batch)
-                    stamps = np.append(bag.newest.get(id(block.channel), batch.stamps[0]), batch.stamps)
-                    bag.back_ns = max(bag.back_ns, int(-np.diff(stamps).min()))
-                    bag.newest[id(block.channel)] = int(stamps[-1])
+                    bag.goes_on(id(block.channel), batch.stamps)
         for channel in source.channels.values():
             name, kind = channel.topic.removeprefix("/"), named_type(channel)
             wrench = kind in WRENCHES and name not in self._wanted and not name.endswith(APPLIED)
@@ -477,12 +530,15 @@ class RecordedWrenches:
         bag.log_times.add(batch.log_times)
         behind, unset = batch.log_times - batch.stamps, batch.stamps == 0
         bag.behind_ns = _least(bag.behind_ns, behind[~unset])
+        bag.sum_ns += float(behind[~unset].sum(dtype=np.float64))
+        bag.stamped += int((~unset).sum())
         bag.unset_ns = _least(bag.unset_ns, behind[unset])
         commands = batch.commands
         times = commands.time_ns
         within = (times >= 0) & (times <= self._end_ns)
         bag.within += int(within.sum())
-        bag.early += int((times < 0).sum())
+        bag.early.update(commands.channel[times < 0].tolist())
+        bag.prompt.update(commands.channel[times == 0].tolist())
         # A command at the very end has no time to act.
         bag.acting += int((within & (times < self._end_ns)).sum())
         if self._channels is None:
@@ -535,7 +591,12 @@ class RecordedWrenches:
             time_0 = self._time_0(start, moved)
             for bag in moved:
                 bag.offset_ns = time_0
-                if start in ("auto", "bag") and bag.apart_ns:
+                if start in ("auto", "bag") and bag.stalls:
+                    self.notes.append(
+                        f"{bag.path}: its log times do not follow the stamps of its commands, as over a link that "
+                        "stalls: its start is the first stamp of commands and motion"
+                    )
+                elif start in ("auto", "bag") and bag.apart_ns:
                     self.notes.append(
                         f"{bag.path}: its log times are {_seconds(abs(bag.apart_ns))} s "
                         f"{'later' if bag.apart_ns > 0 else 'earlier'} than its stamps: the start of the bag is taken "

@@ -225,7 +225,7 @@ class _Flights:
                 result = simulate(scene, commands, [McapSink(log)], facts=commands.facts)
                 start = _start_of(commands)
                 self.offset_ns = start if place == 0 else -start
-                self.notes += commands.notes
+                self.notes += [*commands.notes, *[commands.superseded_words] * bool(commands.superseded)]
                 if result.rejected:
                     self.notes.append(
                         f"{len(result.rejected)} of {len(commands)} commands were rejected; the first: "

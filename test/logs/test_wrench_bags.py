@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -483,3 +483,45 @@ def test_a_start_that_is_none_is_refused(scene: Path, capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit, match="2"):
         main(["simulate", str(scene), "--wrench", str(SLEW), "--wrench-start", text])
     assert "expected auto, bag, first, stamp or a number of seconds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("moves_ns", [None, -2 * SECOND])
+@pytest.mark.parametrize(
+    "logged",
+    [
+        lambda k: 25 * SECOND + k,
+        lambda k: (k // 10 + 1) * 5 * SECOND + k,
+        lambda k: max(3 * SECOND, k * SECOND // 2) + k,
+        lambda k: 0,
+        lambda k: -WALL_NS,
+    ],
+    ids=["one burst", "bursts", "the first late", "all at once", "no clock"],
+)
+def test_log_times_that_do_not_follow_the_stamps_lose_no_command(
+    tmp_path: Path, logged: Callable[[int], int], moves_ns: int | None
+) -> None:
+    """39 of 40 lay before time 0, as the least delay was taken for another clock."""
+    rows: list[Row] = [
+        ("/wrench", STAMPED, WALL_NS + logged(k), stamped(WALL_NS + k * SECOND // 2, 1.0)) for k in range(40)
+    ]
+    if moves_ns is not None:
+        pose = cdr.encode(POSE, WALL_NS + moves_ns, "world", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        rows.append(("/pose", POSE, WALL_NS + logged(0), pose))
+    bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+    found = RecordedWrenches([bag], ["wrench"], 30 * SECOND, start="auto")
+    begin = -(moves_ns or 0)
+    assert [wrench.stamp_ns for _, wrench in found] == [begin + k * SECOND // 2 for k in range(40)]
+    assert found.superseded == 0
+    assert "do not follow the stamps" in found.notes[0]
+
+
+@pytest.mark.parametrize(("at", "count", "most"), [("0.4", 0, False), ("1", 1, False), ("8.2", 8, True)])
+def test_commands_before_time_0_are_told(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], at: str, count: int, most: bool
+) -> None:
+    """Of those the last acts, unless another is at time 0."""
+    bag = recorded(tmp_path / "a.mcap", 0, [k * SECOND for k in range(10)])
+    assert main(["simulate", str(scene), "--wrench", str(bag), "--wrench-start", at]) == 0
+    said = capsys.readouterr().err
+    assert (f"warning: {count} of 10 commands lie before time 0" in said) == bool(count)
+    assert ("--wrench-start first" in said) == most
