@@ -16,6 +16,7 @@ import numpy as np
 
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.identification.score_tests import (
+    FittedInertia,
     FittedTorque,
     InertiaScore,
     score_inertia,
@@ -40,6 +41,8 @@ _STANDS_OUT = 16.0
 _ONE_AXIS, _NOISE = 1e-3, 2.0
 # A mass is given if its relative standard deviation is less than this.
 _TOLD = 0.1
+# Two inertias are equal if they differ by at most so many standard errors.
+_ALIKE = 3.0
 # Part of the time of a recording that is as good as all of it.
 _WHOLE = 0.9
 TELLS = 0.5
@@ -95,6 +98,7 @@ class Residual:
         untold: why nothing can be said about the inertia; "" if something can.
         pieces: the unrecorded torque by the fit, where only that tells it from noise.
         fitted_ns: begin and end of the part that was fitted; None if none was.
+        factor: of all recorded torques, which explains the motion as well as another inertia; None if none does.
     """
 
     start_ns: Times
@@ -121,6 +125,7 @@ class Residual:
     untold: str
     pieces: FittedTorque | None
     fitted_ns: tuple[int, int] | None
+    factor: float | None = None
 
     @property
     def told(self) -> bool:
@@ -225,8 +230,8 @@ def residual(track: Track, bound: float) -> Residual | None:
     level = level if relative > bound else 0.0
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
-    # A fit of the whole that finds nothing beyond coloured noise confirms no torque.
-    confirmed = changes and (found is None or not found.explained or _share(found, track) < _WHOLE)
+    # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
+    confirmed = changes and (found is None or (_share(found, track) < _WHOLE if found.explained else found.pushed))
     mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps) if direct else (None, np.inf)
     return Residual(
         **wrench,
@@ -249,7 +254,15 @@ def residual(track: Track, bound: float) -> Residual | None:
         untold=_untold(found, explained, level, confirmed or bias is not None or other is not None),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
+        factor=None if other is None else _factor(given, other),
     )
+
+
+def _factor(given: Array, other: FittedInertia) -> float | None:
+    """Return the factor of the torques that does as well as an inertia of the same ratios as the given one."""
+    factor = float(np.trace(given) / np.trace(other.matrix))
+    alike = np.linalg.norm(other.matrix - given / factor) <= _ALIKE * np.linalg.norm(other.errors)
+    return factor if other.scaled and alike else None
 
 
 def _estimated(track: Track, pose: TimeSeries) -> bool:
@@ -271,6 +284,10 @@ def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: b
         return "the noise of the recording hides it" if hidden else ""
     if found is not None and found.late:
         return "a delay of a sensor or of the commands would explain what is left as well"
+    if found is not None and found.gyro is not None:
+        factors, turn = ", ".join(f"{each:.4g}" for each in found.gyro[:3]), np.rad2deg(np.linalg.norm(found.gyro[3:]))
+        what = f"factors of ({factors}) and axes turned by {turn:.3g}°"
+        return f"errors of the measured rates, {what}, would explain what is left as well"
     if caused or (found is not None and found.torque is not None):
         return ""
     return "neither another inertia nor a torque explains what is left, as of coloured noise"

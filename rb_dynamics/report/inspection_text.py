@@ -268,7 +268,7 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     elif left.explainable:
         verdict = (
             f"The inertia given does NOT explain the motion. The best fit, {_moments(left)}, leaves {left.best:.3g} of "
-            f"the angular momentum without a cause.{_bias(left, 'would explain it too')}"
+            f"the angular momentum without a cause.{_bias(left, 'would explain it too')}{_factor(left)}"
         )
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
@@ -287,6 +287,10 @@ def _part(left: Residual, zero_ns: int) -> str:
         return ""
     rest = "is judged by its momentum alone" if left.with_rates else "is not judged"
     return f" Fitted: t = {(begin - zero_ns) * 1e-9:.6g} to {(end - zero_ns) * 1e-9:.6g} s; the rest {rest}."
+
+
+def _factor(left: Residual) -> str:
+    return "" if left.factor is None else f" A factor of {left.factor:.4g} on all torques would explain it too."
 
 
 def _moments(left: Residual) -> str:

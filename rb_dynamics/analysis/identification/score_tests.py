@@ -52,6 +52,9 @@ _SURELY = 7.0
 _ITERATIONS = 8
 # Of the sum of squares over the noise: a gain that is not worth another step.
 _GAIN = 0.01
+# A torque is believed in if it leaves at most this part of what is left beyond noise by any error of a sensor: where
+# only noise is left, and otherwise.
+_LESS, _MUCH_LESS = 0.5, 0.1
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,11 @@ class InertiaScore:
         inertia: the best-fitting one; None if the given one explains the motion, or no motion follows the recording.
         bias: the constant error of the rates that leaves only noise, rad/s, body axes; None if none does.
         late: whether a delay of a sensor or of the commands leaves only noise, and is likelier than another inertia.
-        torque: the unrecorded torque that leaves only noise; None if none does.
+        gyro: factors of the measured rates along each axis and rotation vector of its axes (rad) that leave only noise
+            where no constant error does, and are likelier than another inertia; None if none are.
+        torque: the unrecorded torque that leaves only noise, and less than an error of a sensor; None if none does.
+        pushed: whether a torque acted, by the fit: it leaves much less than an error of a sensor, or no sensor's error
+            alone can be the cause. True if no motion follows the recording.
     """
 
     begin_ns: int
@@ -115,7 +122,9 @@ class InertiaScore:
     inertia: FittedInertia | None = None
     bias: Array | None = None
     late: bool = False
+    gyro: Array | None = None
     torque: FittedTorque | None = None
+    pushed: bool = True
 
 
 def score_inertia_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> InertiaScore | None:
@@ -239,6 +248,7 @@ class _Tried(NamedTuple):
         covariance: of these.
         chance: that a recording without what the candidate stands for looks like this.
         white: whether what is left is noise.
+        level: mean square of what is left over the noise, at least 1.
         criterion: that of Schwarz, up to a constant: of two candidates, the one with less is the likelier.
     """
 
@@ -246,6 +256,7 @@ class _Tried(NamedTuple):
     covariance: Array
     chance: float
     white: bool
+    level: float
     criterion: float
 
 
@@ -278,8 +289,8 @@ class _Judge:
         nothing = Wrench(ZERO, ZERO, self.scene.frames.body_frame)
         pushed = replace(self.scene, effects=(ScheduledWrench(tuple((t, nothing) for t in edges[:-1].tolist())),))
         pieces = [f"effects[0].schedule[{k}].torque" for k in range(_PIECES)]
-        biased = "gyro_bias" not in self.base and any(stream.kind == RATES for stream in self.flight.streams)
-        wide = Model(pushed, [self.flight], (*self.base, "inertia", "delay", *["gyro_bias"] * biased, *pieces))
+        gyros = ("gyro_bias", "gyro_scale", "gyro_alignment")
+        wide = Model(pushed, [self.flight], (*self.base, "inertia", "delay", *gyros, *pieces))
         at = self._within(wide, z)
         predicted = list(wide.predict(at))
         if not self._sane(predicted):
@@ -287,11 +298,13 @@ class _Judge:
         blocks = {
             of: [name for name in wide.layout.blocks if name.startswith(starts) and name not in self.model.layout]
             for of, starts in (
-                ("inertia", ("size", "shape")), ("late", "delay."), ("bias", "gyro_bias"), ("torque", "effects")
+                ("inertia", ("size", "shape")), ("late", "delay."), ("bias", "gyro_bias"), ("torque", "effects"),
+                ("gyro", "gyro_"),
             )
         }  # fmt: skip
         base = _columns(wide, self.model.layout.blocks)
         tried = {of: self._tried(predicted, base, _columns(wide, names)) for of, names in blocks.items() if names}
+        gyro = tried.pop("gyro", None)
         found = replace(
             found,
             explained=self._near_noise(predicted) and all(each.chance > _CHANCE for each in tried.values()),
@@ -302,12 +315,25 @@ class _Judge:
             return found
         bias, pushes, inertia = tried.get("bias"), tried["torque"], self._inertia()
         scale = np.concatenate([wide.layout[name].scale for name in blocks["torque"]])
+        start = self._tried(predicted, base, base[:0]).level - 1.0
+        errors = [each.level - 1.0 for each in (tried.get("late"), bias, gyro) if each is not None]
+        beats = pushes.level - 1.0 <= (_LESS if pushes.white else _MUCH_LESS) * min([start, *errors])
+        alone = [self._tried([each], base, base[:0]).level for each in predicted]
+        blameless = min(alone) > EXPLAINED**2 and min(errors, default=start) > _MUCH_LESS * start
+        off = gyro is not None and gyro.white and (inertia is None or gyro.criterion < inertia.criterion)
+        if off and gyro is not None and not (bias is not None and bias.white):
+            of_gyro = _columns(wide, blocks["gyro"])
+            at[of_gyro] += gyro.step
+            found = replace(
+                found, gyro=np.append(*(wide.layout[name].values(at) for name in blocks["gyro"] if "bias" not in name))
+            )
         return replace(
             found,
             inertia=inertia,
             bias=bias.step * wide.layout[blocks["bias"][0]].scale if bias is not None and bias.white else None,
             late=bool(blocks["late"]) and self._late(z, inertia),
-            torque=self._torque(edges, (scale * pushes.step).reshape(-1, 3)) if pushes.white else None,
+            torque=self._torque(edges, (scale * pushes.step).reshape(-1, 3)) if pushes.white and beats else None,
+            pushed=beats or blameless,
         )
 
     def _start(self) -> Array | None:
@@ -378,7 +404,7 @@ class _Judge:
             along = seen.T @ change
             statistic = float(along @ np.linalg.solve(seen.T @ mine @ seen, along)) / len(along)
             chance = float(fdtrc(len(along), freedom, statistic))
-        return _Tried(change, mine, chance, white, float(criterion))
+        return _Tried(change, mine, chance, white, level, float(criterion))
 
     def _inertia(self) -> FittedInertia | None:
         """Return the inertia that fits best; None if no motion follows the recording."""

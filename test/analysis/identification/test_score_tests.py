@@ -146,3 +146,48 @@ def test_coloured_noise_is_no_torque() -> None:
         assert left.explained or left.untold
         told.append(left.untold)
     assert any("coloured noise" in each for each in told)
+
+
+@pytest.mark.parametrize("what", ["scale", "alignment"])
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_rates_by_another_scale_or_of_turned_axes_are_no_torque(what: str, seed: int) -> None:
+    """A torque was said to have acted that nobody commanded."""
+    track = track_of(recording(seed))
+    assert track.twist is not None
+    rates = track.twist.values[:, 3:]
+    turned = rates + np.cross([0.005, 0.005, -0.005], rates)
+    left = judged(with_rates(track, rates * [1.01, 0.995, 1.007] if what == "scale" else turned))
+    assert not left.told
+    assert not left.explained
+    assert "errors of the measured rates, factors of (" in left.untold
+
+
+@pytest.mark.parametrize("what", ["rates", "attitude"])
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_sensor_that_wanders_is_no_torque(what: str, seed: int) -> None:
+    """What each of pose and twist shows alone is explained: they contradict each other."""
+    track = track_of(recording(seed))
+    assert track.twist is not None
+    assert track.pose is not None
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(track.twist.values[:, 3:].shape), axis=0)
+    if what == "rates":
+        track = with_rates(track, track.twist.values[:, 3:] + 2e-4 * walk)
+    else:
+        values = track.pose.values.copy()
+        count = len(values)
+        half = 1e-4 * np.resize(walk, (count, 3))
+        turn, w = half, values[:, 6:]
+        values[:, 3:6] += w * turn + np.cross(turn, values[:, 3:6])
+        values[:, 6] -= np.sum(turn * track.pose.values[:, 3:6], axis=1)
+        track = replace(track, pose=replace(track.pose, values=values))
+    left = judged(track)
+    assert left.explained or not left.told
+
+
+def test_torques_that_are_all_weaker_are_told_beside_another_inertia() -> None:
+    track = track_of(recording(3))
+    stronger = tuple(replace(each, torque=each.torque / 0.95) for each in track.acting)
+    left = judged(replace(track, by_scene=stronger))
+    assert left.factor == pytest.approx(0.95, rel=1e-2)
+    assert "A factor of 0.9" in residual_sentence(left, 0)
+    assert judged(track_of(recording(3), moments=1.05)).factor is None
