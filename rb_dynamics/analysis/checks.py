@@ -249,7 +249,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
     if each.nothing:
         return Check(name, False, f"it is always zero although the {each.of} changes: it was not filled in")
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
-    aligned = f"; {each.aligned.words}" if each.aligned.words else ""
+    aligned = f"; {each.words}" if each.words else ""
     if not each.contradicts:
         return Check(name, True, f"they differ by {measured}{aligned}")
     if each.partly:

@@ -9,7 +9,7 @@ opposite sign, degrees and other quaternions are tried as explanations. A lag, a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,6 +37,9 @@ _PART, _ABOVE_USUAL = 0.1, 20.0
 _SECOND = 1_000_000_000
 # A recording that is too short for windows of a second is judged by shorter ones.
 _SHORTER = _SECOND // 10
+# A lever arm of so many standard errors counts if it leaves at most this part of the difference; and how much less than
+# about its other axes a body turns about one that tells nothing of it.
+_SIGNIFICANT, _BETTER, _SEEN = 8.0, 0.5, 1e-3
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
 
@@ -107,6 +110,8 @@ class Agreement:
         aligned: lag, factor and turn of the twist relative to the pose.
         odd: whether they contradict each other in any window, be it a single one.
         when_ns: first and last time of the windows, as far as they follow each other, in which they do so `partly`.
+        arm: of the position that of the pose lies from that of the twist, m, body axes; None where that is not seen.
+        arm_error: its standard error, m.
     """
 
     of: str
@@ -122,6 +127,16 @@ class Agreement:
     aligned: TwistFit = TwistFit()
     odd: bool = False
     when_ns: tuple[tuple[int, int], ...] = ()
+    arm: tuple[float, float, float] | None = None
+    arm_error: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """What makes them agree, with standard errors; "" if nothing is significant."""
+        if self.arm is None:
+            return self.aligned.words
+        point = ", ".join(f"{each:.4g}" for each in self.arm)
+        return f"the pose is of a point ({point}) ± {self.arm_error:.2g} m, in body axes, from that of the twist"
 
     @property
     def doubt(self) -> str:
@@ -163,7 +178,62 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     lacking = (series.topic for series in (pose, twist) if _lacks_position(series))
     if lacks := next(lacking, ""):
         return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
-    return attitude, _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
+    position = _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
+    return attitude, _with_arm(position, both, pose, twist, moves)
+
+
+def _with_arm(
+    found: Agreement, both: _Both, pose: TimeSeries, twist: TimeSeries, readings: list[TwistReading]
+) -> Agreement:
+    """Return the agreement with the point of which the pose is, if that explains the difference better.
+
+    The velocity of such a point has a part that turns with the body: of a marker it looks like turned axes.
+    """
+    if found.error is None or found.nothing or found.remedy:
+        return found
+    (x, y, z), error = _lever_arm(both, readings[0])
+    if np.hypot(np.hypot(x, y), z) <= _SIGNIFICANT * error:
+        return found
+    moved = stored(
+        (np.hstack([rows[:, :3] - _turned((x, y, z), rows[:, 3:]), rows[:, 3:]]) for rows in in_blocks(pose.values)), 7
+    )
+    at_origin = replace(pose, values=moved)
+    beside = _Both.of(at_origin, twist)
+    if beside is None:
+        return found
+    rest = _with_alignment(_judged("position", beside, readings), beside, at_origin, twist, readings)
+    if rest.error is None or rest.error > _BETTER * found.error or rest.aligned.words:
+        return found
+    contradicts = found.error > _CONTRADICTS
+    return replace(rest, error=found.error, contradicts=contradicts or rest.contradicts, arm=(x, y, z), arm_error=error)
+
+
+def _turned(vector: Sequence[float] | Array, attitude: Array) -> Array:
+    return rotate_all(unit_rows(attitude), np.tile(np.array(vector), (len(attitude), 1)))
+
+
+def _lever_arm(both: _Both, given: TwistReading) -> tuple[tuple[float, float, float], float]:
+    """Return where the pose is from the origin of the twist, and the standard error: m, body axes.
+
+    Over a window the position changes by the integral of the velocity of the origin and by the change of R r.
+    """
+    sums = [np.empty((0, 12))]
+    for part in both.rows():
+        judged = both.stretch[part] >= 0
+        if judged.any():
+            ends = slice(part.start, part.stop + 1)
+            times, attitude = both.time_ns[ends], both.pose[ends, 3:]
+            turns = np.stack([np.diff(_turned(axis, attitude), axis=0) for axis in np.eye(3)], axis=2)
+            left = both.changes("position", part) - both.said(slice(0, 3), given, part)
+            window, stretch = ((times[:-1] - both.time_ns[0]) // _SECOND)[judged], both.stretch[part][judged]
+            begins = np.flatnonzero(np.append(True, (np.diff(window) != 0) | (np.diff(stretch) != 0)))
+            sums.append(np.add.reduceat(np.hstack([turns.reshape(-1, 9), left])[judged], begins, axis=0))
+    every = np.concatenate(sums)
+    turns, left = every[:, :9].reshape(-1, 3), every[:, 9:].ravel()
+    inverse = np.linalg.pinv(turns, rcond=_SEEN)
+    x, y, z = (inverse @ left).tolist()
+    rest = left - turns @ (inverse @ left)
+    return (x, y, z), float(np.linalg.norm(inverse) * np.linalg.norm(rest) / np.sqrt(max(1, len(left) - 3)))
 
 
 def _with_alignment(

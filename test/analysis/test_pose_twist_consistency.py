@@ -13,7 +13,7 @@ from tumbling import Tumble, bag_of, checks_of, failing, in_world, spin
 from rb_dynamics.analysis.pose_twist_consistency import agreements
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
-from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
 TURNS, MOVES = "angular velocity fits the attitude", "linear velocity fits the position"
 BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))
@@ -223,3 +223,19 @@ def test_what_is_too_slow_too_fast_or_of_another_time_is_not_judged() -> None:
     assert "turns by more than 1 rad" in {c.name: c.detail for c in checks_of(bag_of(fast)) if not c.judged}[TURNS]
     later = agreements(read_track(bag_of(spin(), twist=spin().moved(20_000_000_000))))
     assert [each.reason for each in later] == ["/b/pose and /b/twist are not of the same time"] * 2
+
+
+@pytest.mark.parametrize("arm", [(0.02, 0.03, -0.01), (0.2, 0.3, -0.1)])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_the_pose_of_a_marker_is_told_and_no_turned_axes(arm: tuple[float, float, float], noise: float) -> None:
+    """Its velocity has a part ω × r, which looked like axes turned by several degrees."""
+    motion = precessing()
+    body = body_twist(motion)
+    motion.position = motion.position + rotate_all(motion.orientation_xyzw, np.tile(np.array(arm), (1000, 1)))
+    motion.position += noise * np.random.default_rng(3).standard_normal((1000, 3))
+    found = {each.of: each for each in agreements(read_track(bag_of(motion, twist_rows=body)))}["position"]
+    assert found.arm == pytest.approx(arm, abs=max(8.0 * found.arm_error, 1e-4))
+    assert not found.aligned.words
+    told = [check.detail for check in checks_of(bag_of(motion, twist_rows=body)) if check.name == MOVES]
+    assert "the pose is of a point (" in told[0]
+    assert "axes turned" not in told[0]
