@@ -317,10 +317,12 @@ class _Judge:
         scale = np.concatenate([wide.layout[name].scale for name in blocks["torque"]])
         start = self._tried(predicted, base, base[:0]).level - 1.0
         errors = [each.level - 1.0 for each in (tried.get("late"), bias, gyro) if each is not None]
-        beats = pushes.level - 1.0 <= (_LESS if pushes.white else _MUCH_LESS) * min([start, *errors])
+        least = min([start, *errors])
+        beats = pushes.level - 1.0 <= (_LESS if pushes.white else _MUCH_LESS) * least and (pushes.white or least > 0.0)
         alone = [self._tried([each], base, base[:0]).level for each in predicted]
         blameless = min(alone) > EXPLAINED**2 and min(errors, default=start) > _MUCH_LESS * start
-        off = gyro is not None and gyro.white and (inertia is None or gyro.criterion < inertia.criterion)
+        rival = np.inf if inertia is None or not inertia.explains else inertia.criterion
+        off = gyro is not None and gyro.white and gyro.criterion < rival
         if off and gyro is not None and not (bias is not None and bias.white):
             of_gyro = _columns(wide, blocks["gyro"])
             at[of_gyro] += gyro.step

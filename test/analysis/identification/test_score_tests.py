@@ -149,7 +149,7 @@ def test_coloured_noise_is_no_torque() -> None:
 
 
 @pytest.mark.parametrize("what", ["scale", "alignment"])
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize("seed", [1, 3, 10])
 def test_rates_by_another_scale_or_of_turned_axes_are_no_torque(what: str, seed: int) -> None:
     """A torque was said to have acted that nobody commanded."""
     track = track_of(recording(seed))
