@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.formats.recovery import recover
+    from rb_dynamics.numerics.nanoseconds import seconds_text
 
     saved = recover(Path(args.source), Path(args.target))
     lost = (begin_ns for each in saved for begin_ns, _ in each.missing)
@@ -48,6 +49,6 @@ def run(args: argparse.Namespace) -> int:
             print(f"  the next file, {each.next_file}, is missing")
             within = within or bool(following)
     told = "first message" if any(each.file.counts.total() for each in saved) else "first that is missing"
-    since = f"; t counts from the {told}, log time {start_ns * 1e-9:.9f} s" if start_ns else ""
+    since = f"; t counts from the {told}, log time {seconds_text(start_ns)} s" if start_ns else ""
     print(f"wrote {args.target}{since}")
     return 1 if within or any(each.damage for each in saved) else 0
