@@ -194,14 +194,14 @@ def _with_arm(
     (x, y, z), error = _lever_arm(both, readings[0])
     if np.hypot(np.hypot(x, y), z) <= _SIGNIFICANT * error:
         return found
-    moved = stored(
-        (np.hstack([rows[:, :3] - _turned((x, y, z), rows[:, 3:]), rows[:, 3:]]) for rows in in_blocks(pose.values)), 7
+    at_origin = replace(
+        both,
+        pose=stored(
+            (np.hstack([rows[:, :3] - _turned((x, y, z), rows[:, 3:]), rows[:, 3:]]) for rows in in_blocks(both.pose)),
+            7,
+        ),
     )
-    at_origin = replace(pose, values=moved)
-    beside = _Both.of(at_origin, twist)
-    if beside is None:
-        return found
-    rest = _with_alignment(_judged("position", beside, readings), beside, at_origin, twist, readings)
+    rest = _with_alignment(_judged("position", at_origin, readings), at_origin, pose, twist, readings)
     if rest.error is None or rest.error > _BETTER * found.error or rest.aligned.words:
         return found
     contradicts = found.error > _CONTRADICTS
