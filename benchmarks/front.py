@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import rb_dynamics as rb
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import METHODS, splitting
 from rb_dynamics.motion.composition import SUZUKI4

@@ -23,7 +23,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import rb_dynamics as rb
-from rb_dynamics.formats.mcap_channel import log_channel
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
 from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import HeldWrench

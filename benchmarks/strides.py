@@ -15,7 +15,7 @@ import statistics
 import time
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import COST_OF_A_STEP

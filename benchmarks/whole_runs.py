@@ -28,7 +28,7 @@ from peers.reference import reference
 from written import processor, table
 
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.output_file import OutputFile

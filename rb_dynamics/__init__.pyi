@@ -27,8 +27,6 @@ from rb_dynamics.errors import WrenchError as WrenchError
 from rb_dynamics.loads.actuator import Setpoint as Setpoint
 from rb_dynamics.loads.buoyancy import Buoyancy as Buoyancy
 from rb_dynamics.loads.central_gravity import CentralGravity as CentralGravity
-from rb_dynamics.loads.command_channels import AppliedWrench as AppliedWrench
-from rb_dynamics.loads.command_channels import Channel as Channel
 from rb_dynamics.loads.drag import LinearDrag as LinearDrag
 from rb_dynamics.loads.drag import QuadraticDrag as QuadraticDrag
 from rb_dynamics.loads.effect import Effect as Effect
@@ -42,6 +40,8 @@ from rb_dynamics.loads.uniform_gravity import UniformGravity as UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame as FixedFrame
 from rb_dynamics.loads.wrench import Wrench as Wrench
 from rb_dynamics.loads.wrench import WrenchFrames as WrenchFrames
+from rb_dynamics.loads.wrench_channels import AppliedWrench as AppliedWrench
+from rb_dynamics.loads.wrench_channels import Channel as Channel
 from rb_dynamics.motion import METHODS as METHODS
 from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
 from rb_dynamics.motion.free_motion import free_motion as free_motion

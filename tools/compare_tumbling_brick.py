@@ -23,7 +23,7 @@ from pathlib import Path
 
 import rb_dynamics as rb
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import POSE, TWIST
 from rb_dynamics.formats.output_file import OutputFile

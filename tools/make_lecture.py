@@ -78,7 +78,7 @@ def make_page() -> Page:
 
 
 def find(name: str) -> Any:
-    """Return the object with this name, for example rb_dynamics.body.moments_about_points.unit."""
+    """Return the object with this name, for example rb_dynamics.body.moments_of_force_and_momentum.unit."""
     module, _, last = name.rpartition(".")
     return getattr(importlib.import_module(module), last)
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import RecordedWrench, Times
 from rb_dynamics.errors import LogError
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.recorded_topics import names_in_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds

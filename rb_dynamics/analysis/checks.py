@@ -16,7 +16,7 @@ from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import Agreement
 from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
-from rb_dynamics.formats.mcap_channel import is_latched
+from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.own_log import logged_scene
 

@@ -13,8 +13,8 @@ from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.track import RecordedWrench, Track
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.command_channels import Channel, WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.growing_array import give_back

@@ -31,8 +31,8 @@ from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, TRANSFORMS, VECTOR
 from rb_dynamics.formats.topic_messages import KEPT, Topic
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.stamp_order import Disorder, standing
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse

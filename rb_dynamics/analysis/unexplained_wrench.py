@@ -2,7 +2,7 @@
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, over any time, and nothing is differentiated. What changes by more than its own noise
-(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/score_tests.py`):
+(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/inertia_check.py`):
 it sees smaller changes, in a part of a long recording. Where impulses are not known, nothing is judged.
 """
 
@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.identification.parameters import PLACES
-from rb_dynamics.analysis.identification.score_tests import (
+from rb_dynamics.analysis.identification.inertia_check import (
     FittedInertia,
     FittedTorque,
     InertiaScore,
     score_inertia,
     score_inertia_in_parts,
 )
+from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, motion_blocks, shared

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from rb_dynamics.body.moments_about_points import unit
+from rb_dynamics.body.moments_of_force_and_momentum import unit
 from rb_dynamics.body.plausibility import Finding, examine, symmetry
 from rb_dynamics.body.rigid_body import RigidBody, require_body, root_of_ratio
 from rb_dynamics.errors import BodyError

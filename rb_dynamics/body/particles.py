@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 
-from rb_dynamics.body.moments_about_points import moment_of_force, moment_of_momentum
+from rb_dynamics.body.moments_of_force_and_momentum import moment_of_force, moment_of_momentum
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError
 from rb_dynamics.numerics.argument_checks import items, number, vector

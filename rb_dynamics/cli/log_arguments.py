@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_with
-from rb_dynamics.numerics.option_numbers import real, whole
+from rb_dynamics.numerics.command_line_numbers import real, whole
 
 if TYPE_CHECKING:
     from rb_dynamics.sinks.failure_guard import GuardedSink

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn
 
-from rb_dynamics.numerics.option_numbers import real, whole
+from rb_dynamics.numerics.command_line_numbers import real, whole
 
 
 class Parser(argparse.ArgumentParser):

@@ -8,7 +8,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.cli.parser import require_with
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
@@ -116,7 +116,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     repeated = not args.wrench and is_log(args.scene)
     if not (args.wrench or (repeated and (scene.channels or scene.actuators))):
         return scene, []
-    from rb_dynamics.loads.command_channels import WrenchChannels
+    from rb_dynamics.loads.wrench_channels import WrenchChannels
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
 
     end_ns = math.inf if scene.end_ns is None else scene.end_ns

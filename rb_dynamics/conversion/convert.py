@@ -30,8 +30,8 @@ from rb_dynamics.conversion.bag_to_table import (
 )
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
-from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
@@ -39,8 +39,8 @@ from rb_dynamics.formats.message_types import SCALAR, TRANSFORM, TRANSFORMS, WRE
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
-from rb_dynamics.loads.command_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import NAMING, AppliedWrench, is_topic_name
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, named_type
 from rb_dynamics.logs.messages import (
     APPLIED,

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
+from rb_dynamics.formats.channel_metadata import QOS, is_latched
 from rb_dynamics.formats.log_metadata import RUN, SCENE, version
-from rb_dynamics.formats.mcap_channel import QOS, is_latched
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_definitions import schema_text

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.mcap_channel import QOS
+from rb_dynamics.formats.channel_metadata import QOS
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.yaml.document import load
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError, WrenchError
-from rb_dynamics.loads.command_channels import topic_fault
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.number_ranges import Range, check_numbers
+from rb_dynamics.loads.wrench_channels import topic_fault
 from rb_dynamics.numerics.argument_checks import instance, shown, whole_number
 
 COMMAND = "/command"

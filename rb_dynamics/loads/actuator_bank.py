@@ -10,14 +10,14 @@ from typing import NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
-from rb_dynamics.loads.command_channels import HUGE, AppliedWrench
 from rb_dynamics.loads.effect import Field, Wrenching
+from rb_dynamics.loads.gradual_wrench import Transient
 from rb_dynamics.loads.magnetorquer import Magnetorquer, turned_in_field
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench, WrenchFrames
-from rb_dynamics.loads.wrench_transition import Transient
+from rb_dynamics.loads.wrench_channels import HUGE, AppliedWrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add

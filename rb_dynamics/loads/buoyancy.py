@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Potential, Wrenching
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, check_numbers, check_vector, read_numbers
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, dot, scale, subtract
 

@@ -18,7 +18,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.compiled_load import Underway, effect_numbers, functions_in
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
-from rb_dynamics.loads.load import Load, LoadDependence
+from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion

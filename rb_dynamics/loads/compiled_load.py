@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.buoyancy import Buoyancy, Lift, lifted
 from rb_dynamics.loads.central_gravity import Attraction, CentralGravity, attracted, time_to_fall
-from rb_dynamics.loads.command_channels import ChannelBias, ChannelLag
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag, Resistance, resisted, slowed
 from rb_dynamics.loads.effect import Effect, Point
+from rb_dynamics.loads.gradual_wrench import Transient, aged, with_acting
+from rb_dynamics.loads.gradual_wrench import sight as sight_of_transient
 from rb_dynamics.loads.gyrostat_rotor import Rotor, Spin, reaction
-from rb_dynamics.loads.load import evaluated
 from rb_dynamics.loads.magnetic_field import MagneticField, Source, flux_density
 from rb_dynamics.loads.magnetorquer import turned_in_field
 from rb_dynamics.loads.plugin_load import (
@@ -32,9 +32,9 @@ from rb_dynamics.loads.plugin_load import (
 )
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench, combined
-from rb_dynamics.loads.wrench_transition import Transient, aged, with_acting
-from rb_dynamics.loads.wrench_transition import sight as sight_of_transient
+from rb_dynamics.loads.wrench_channels import ChannelBias, ChannelLag
 from rb_dynamics.numerics.compilation import compiled_by
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 WIDTH = 16
 _ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
 _LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN, _TRANSIENT = 6.0, 7.0, 8.0, 9.0
-# A lag is not a load of its own, see `wrench_transition.py`.
+# A lag is not a load of its own, see `gradual_wrench.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
 
 NO_EFFECTS = (0.0,)

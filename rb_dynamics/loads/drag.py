@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Slowing, Wrenching
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import check_vector
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.numerics.rotation import Quaternion, conjugate, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Effect, Point, Stored, Storing, Wrenching
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, check_numbers, check_vector, read_numbers
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.numerics.nanoseconds import on_nanosecond
 from rb_dynamics.numerics.rotation import rotate_inverse

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
 from rb_dynamics.loads.effect import Point
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, check_vector, read_numbers
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, norm, scale
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, check_vector, read_numbers
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import FASTEST
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.numerics.rotation import rotate_inverse

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.number_ranges import Range, read_numbers
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST

@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.effect import Stored
-from rb_dynamics.loads.load import Load
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.varying_load import Load
 from rb_dynamics.loads.wheel_imbalance import imbalances, shaking, time_to_turn
 from rb_dynamics.loads.wheel_numbers import (
     BEFORE,

@@ -1,6 +1,6 @@
 """Wrench commands, and the one rule that says in which axes and through which point they act.
 
-Where a command comes from (topic, bag or script) and when it takes effect is decided in `command_channels.py`.
+Where a command comes from (topic, bag or script) and when it takes effect is decided in `wrench_channels.py`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any, NamedTuple
 
-from rb_dynamics.body.moments_about_points import moment_of_force
+from rb_dynamics.body.moments_of_force_and_momentum import moment_of_force
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.numerics.argument_checks import instance, mapping, quaternion, shown, vector

@@ -17,8 +17,8 @@ import numpy as np
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
+from rb_dynamics.formats.channel_metadata import QOS
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
-from rb_dynamics.formats.mcap_channel import QOS
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats import message_types as types
-from rb_dynamics.formats.mcap_channel import qos_profile
+from rb_dynamics.formats.channel_metadata import qos_profile
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench

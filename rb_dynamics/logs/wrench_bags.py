@@ -26,9 +26,9 @@ from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.loads.actuator import COMMAND, Setpoint
-from rb_dynamics.loads.command_channels import WrenchChannels
-from rb_dynamics.loads.command_table import CommandBatch, Received
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import WrenchChannels
+from rb_dynamics.loads.wrench_table import CommandBatch, Received
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
 from rb_dynamics.logs.recorded_topics import names_in_scene

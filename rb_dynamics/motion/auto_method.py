@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rb_dynamics.errors import MissingExtraError, RigidBodyError
 from rb_dynamics.loads.compiled_load import EffectLoad, GradualLoad
 from rb_dynamics.loads.effect import Point
-from rb_dynamics.loads.load import Load, LoadDependence
+from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from rb_dynamics.loads.load import Load, LoadDependence
+from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method

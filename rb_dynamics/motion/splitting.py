@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import closed_form
 from rb_dynamics.motion.composition import KAHAN_LI6

@@ -14,7 +14,7 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, has_effects
-from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wheel_numbers import inner_torque, length_of, momentum_in, states_of
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import OnDemand

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.loads.compiled_load import EffectLoad, has_effects, is_attraction_or_none, load_scales, strength
 from rb_dynamics.loads.effect import Point
-from rb_dynamics.loads.load import evaluated
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wheel_numbers import (
     command_wheel,
     excess,
@@ -28,10 +28,10 @@ from rb_dynamics.loads.wheel_numbers import (
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
+from rb_dynamics.motion.load_change_time import steady_time
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, spun, total, two_sum
 from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
-from rb_dynamics.motion.steady_load import steady_time
 from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, estimate, first_guess, following_step, rounding
 from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise

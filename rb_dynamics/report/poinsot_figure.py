@@ -13,7 +13,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.report.interactive_plots import Picture
 from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
-from rb_dynamics.theory.poinsot_geometry import LARGEST_CHORD, contact, half_axes, separatrices
+from rb_dynamics.theory.poinsot_contact import LARGEST_CHORD, contact, half_axes, separatrices
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -29,7 +29,7 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.plots import continuous
 from rb_dynamics.report.poinsot_figure import outline
 from rb_dynamics.sinks.picture_style import BLUE, CYAN, EYE, GREEN, ORANGE, RED, YELLOW, Eye, eye_above
-from rb_dynamics.theory.poinsot_geometry import DISC, Contact, contact, half_axes, separatrices
+from rb_dynamics.theory.poinsot_contact import DISC, Contact, contact, half_axes, separatrices
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

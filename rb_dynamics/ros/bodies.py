@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError, SceneError
-from rb_dynamics.numerics.option_numbers import whole
+from rb_dynamics.numerics.command_line_numbers import whole
 from rb_dynamics.ros.node import RigidBodyNode, spin
 from rb_dynamics.ros.start_arguments import LOGS, apart, bodies_in, is_bodies, parameter, side_by_side, spacing_of
 

@@ -32,8 +32,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.numerics.command_line_numbers import real
 from rb_dynamics.numerics.number_parsing import real_number
-from rb_dynamics.numerics.option_numbers import real
 from rb_dynamics.ros.conversions import to_nanoseconds
 
 Array = npt.NDArray[np.float64]

@@ -14,8 +14,8 @@ from typing import Protocol
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, LogError, RigidBodyError, SceneError, WrenchError
-from rb_dynamics.loads.command_channels import CheckedWrench
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import CheckedWrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.command_statistics import Arrival, Arrivals
 from rb_dynamics.ros.health import Health

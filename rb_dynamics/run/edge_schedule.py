@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.command_channels import WrenchChannels
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.motion.phase_state import in_principal_axes
 from rb_dynamics.motion.propagation import Edges
 from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT

@@ -16,7 +16,7 @@ from rb_dynamics.body.rigid_body import RigidBody, require_body
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.combined_effects import CombinedEffects, Lasting
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import largest_wrench, require_possible
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.motion.batch_kernel import Schedule, mover

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.adaptive_kernel import strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES

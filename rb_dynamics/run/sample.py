@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Point, Stored
-from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.varying_load import Load
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic

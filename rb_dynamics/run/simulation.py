@@ -25,20 +25,20 @@ from rb_dynamics.formats.log_metadata import INPUTS_RULE
 from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_channels import (
+from rb_dynamics.loads.compiled_load import Underway
+from rb_dynamics.loads.gradual_wrench import Transient, TransientLoad
+from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
+from rb_dynamics.loads.wheel_imbalance import RESOLVED
+from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
+from rb_dynamics.loads.wrench_channels import (
     AppliedWrench,
     CheckedWrench,
     ReceivedWrench,
     RejectedWrench,
     WrenchChannels,
 )
-from rb_dynamics.loads.command_table import CommandBatch, listed
-from rb_dynamics.loads.compiled_load import Underway
-from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
-from rb_dynamics.loads.wheel_imbalance import RESOLVED
-from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
-from rb_dynamics.loads.wrench_transition import Transient, TransientLoad
+from rb_dynamics.loads.wrench_table import CommandBatch, listed
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from rb_dynamics.loads.actuator import ActuatorCommand
-from rb_dynamics.loads.command_channels import AppliedWrench, ReceivedWrench, RejectedWrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench, ReceivedWrench, RejectedWrench
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.state_change import StateChange

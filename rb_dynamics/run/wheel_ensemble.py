@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, cast
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.compiled_load import WIDTH, source_numbers, with_dipoles
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import each_part, parts_of

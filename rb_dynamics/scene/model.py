@@ -11,10 +11,10 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_channels import Channel, ChannelBias, ChannelLag, topic_fault
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel, ChannelBias, ChannelLag, topic_fault
 from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, nanoseconds
 from rb_dynamics.sensors.sensor import Sensor

@@ -27,7 +27,7 @@ from rb_dynamics.scene.read_body import body_and_frames
 from rb_dynamics.scene.read_devices import devices
 from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
-from rb_dynamics.scene.read_wrenches import channels
+from rb_dynamics.scene.read_wrench_channels import channels
 from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.sensors.sensor_types import SENSORS
 

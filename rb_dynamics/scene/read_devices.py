@@ -10,7 +10,7 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.scene.read_effects import each_entry
-from rb_dynamics.scene.read_wrenches import topic_in
+from rb_dynamics.scene.read_wrench_channels import topic_in
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
 

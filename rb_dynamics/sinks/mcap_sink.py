@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
-from rb_dynamics.formats.mcap_channel import log_channel, qos_profile
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed_one
@@ -72,7 +72,7 @@ from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
-    from rb_dynamics.loads.command_table import Changes
+    from rb_dynamics.loads.wrench_table import Changes
     from rb_dynamics.logs.messages import Times
     from rb_dynamics.scene.model import Scene
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
 
-from rb_dynamics.loads.command_channels import AppliedWrench, RejectedWrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench, RejectedWrench
 from rb_dynamics.run.event_arrays import EventArrays, column, one_by_one
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import ActuatorCommand, Event, Measurement, RunInfo

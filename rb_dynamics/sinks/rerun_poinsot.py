@@ -1,6 +1,6 @@
 """Poinsot's construction in Rerun: the inertia ellipsoid rolls on the invariable plane and draws its two curves.
 
-Drawn in the space of `rb_dynamics.theory.poinsot_geometry`, each point from a sample of the run. While no torque
+Drawn in the space of `rb_dynamics.theory.poinsot_contact`, each point from a sample of the run. While no torque
 acts, the plane is fixed; a torque moves it.
 """
 
@@ -16,7 +16,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.sinks.picture_style import BLUE, CYAN, GREEN, GREY, ORANGE, YELLOW
 from rb_dynamics.sinks.rerun_thinning import Piece, Trail
-from rb_dynamics.theory.poinsot_geometry import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
+from rb_dynamics.theory.poinsot_contact import DISC, LARGEST_CHORD, Contact, half_axes, separatrices
 
 if TYPE_CHECKING:
     import rerun as rr

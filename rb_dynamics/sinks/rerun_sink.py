@@ -59,7 +59,7 @@ from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
 from rb_dynamics.sinks.rerun_sensors import Readings
 from rb_dynamics.sinks.rerun_thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
-from rb_dynamics.theory.poinsot_geometry import contact
+from rb_dynamics.theory.poinsot_contact import contact
 
 if TYPE_CHECKING:
     import rerun as rr

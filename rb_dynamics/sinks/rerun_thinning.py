@@ -13,8 +13,8 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.loads.command_channels import AppliedWrench
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.event_arrays import chosen, stacked
 from rb_dynamics.run.sample import Sample

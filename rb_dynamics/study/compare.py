@@ -21,7 +21,7 @@ from rb_dynamics.analysis.track import Times, Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import SCALAR
-from rb_dynamics.loads.command_channels import WrenchChannels
+from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED

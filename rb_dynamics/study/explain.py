@@ -15,7 +15,7 @@ from rb_dynamics.body.plausibility import Symmetry, symmetry
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.closed_form import EXACT

@@ -27,6 +27,7 @@ import numpy as np
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, SplitBag, open_source
+from rb_dynamics.formats.channel_metadata import QOS, TYPE_HASH, log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import (
     CHECKPOINT,
     CONTINUES_IN,
@@ -39,12 +40,11 @@ from rb_dynamics.formats.log_metadata import (
     TOPICS,
     next_file,
 )
-from rb_dynamics.formats.mcap_channel import QOS, TYPE_HASH, log_channel, qos_profile
 from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
-from rb_dynamics.loads.command_channels import AppliedWrench, ReceivedWrench, RejectedWrench
-from rb_dynamics.loads.command_table import CommandBatch, listed
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench, ReceivedWrench, RejectedWrench
+from rb_dynamics.loads.wrench_table import CommandBatch, listed
 from rb_dynamics.logs.messages import (
     ACCEL,
     APPLIED,

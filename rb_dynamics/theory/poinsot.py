@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rb_dynamics.body.inertia_quantities import middle_axis_growth_time
-from rb_dynamics.body.moments_about_points import unit
+from rb_dynamics.body.moments_of_force_and_momentum import unit
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import BodyError

@@ -373,7 +373,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path, monkeypatch: pytest.M
 def wrench_log(path: Path, count: int) -> Path:
     """Return a bag of so many wrenches, of 100 bytes each."""
     from rb_dynamics.formats import cdr
-    from rb_dynamics.formats.mcap_channel import log_channel
+    from rb_dynamics.formats.channel_metadata import log_channel
     from rb_dynamics.formats.mcap_writer import McapWriter
     from rb_dynamics.formats.message_types import WRENCH
     from rb_dynamics.formats.output_file import OutputFile

@@ -11,7 +11,7 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError, MissingExtraError
-from rb_dynamics.formats.mcap_channel import log_channel
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.mcap_integrity import verify, verify_bag
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile

@@ -9,7 +9,7 @@ import pytest
 from bag_rows import STAMPED, Row, stamped, write_rows
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.mcap_channel import log_channel
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile

@@ -12,7 +12,7 @@ from bag_rows import add
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_channel import log_channel
+from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema, in_blocks
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import ODOMETRY, PLAIN_WRENCH, TWIST

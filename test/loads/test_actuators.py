@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import rb_dynamics as rb
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.actuator import Setpoint
-from rb_dynamics.loads.command_channels import AppliedWrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.sinks.mcap_sink import McapSink

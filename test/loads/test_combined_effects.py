@@ -14,7 +14,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Sight, Stored, Wrenching
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.vector import ZERO
 

@@ -19,7 +19,7 @@ from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect, Point, Wrenching
 from rb_dynamics.loads.gyrostat_rotor import Rotor
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.method import Increment

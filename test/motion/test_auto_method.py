@@ -10,7 +10,7 @@ from motions import errors, forced
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, auto_method
 from rb_dynamics.motion.arc import Stepper

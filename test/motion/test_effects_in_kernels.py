@@ -17,10 +17,10 @@ from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.gyrostat_rotor import Rotor
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import WORLD, Wrench
 from rb_dynamics.motion import METHODS, adaptive_kernel, fixed_step_kernel
 from rb_dynamics.motion.arc import Stepper

@@ -185,7 +185,7 @@ print(simulate(replace(scene, effects=(edited.Push(),))).sample.position_world)
 MODULE = """
 from functools import partial
 from rb_dynamics import Effect
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 
 PUSH = 1.0
 

@@ -20,7 +20,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point
-from rb_dynamics.loads.load import Load, LoadDependence
+from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc, Stepper

@@ -20,7 +20,6 @@ from rb_dynamics import driven_motion as driven
 from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.drag import LinearDrag
 from rb_dynamics.loads.effect import Effect, Wrenching
 from rb_dynamics.loads.gyrostat_rotor import Rotor
@@ -28,6 +27,7 @@ from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, HeldWrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.batch_kernel import Mover
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by

@@ -17,8 +17,8 @@ from motions import Recorder, forced, scene
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
-from rb_dynamics.loads.command_channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate

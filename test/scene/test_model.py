@@ -14,10 +14,10 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.central_gravity import CentralGravity
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene, Solver

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rb_dynamics.loads.command_channels import AppliedWrench
+from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.sinks.rerun_thinning import KeptSamples, Polyline, Thinner, Trail, WrenchHistory, WrenchPart

@@ -15,8 +15,8 @@ from mpmath import mp, mpf
 from rb_dynamics import motion
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of

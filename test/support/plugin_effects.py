@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.effect import Effect, Point, Sight, Slowing, Wrenching
-from rb_dynamics.loads.load import LoadDependence
 from rb_dynamics.loads.scene_entry import SceneEntry
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.numerics import vector
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, dot, norm, scale, subtract

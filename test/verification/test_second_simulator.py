@@ -18,8 +18,8 @@ from scipy.integrate import solve_ivp
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import simulate
 from rb_dynamics.scene.model import Scene, Solver

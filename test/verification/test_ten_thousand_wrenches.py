@@ -17,8 +17,8 @@ from scripts import load_script
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import Run, simulate
 from rb_dynamics.scene.model import Scene, Solver

@@ -30,7 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
-from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
 from rb_dynamics.scene.model import Scene

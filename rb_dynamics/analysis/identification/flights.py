@@ -14,7 +14,7 @@ from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
-from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between

@@ -15,15 +15,20 @@ from typing import Any, cast
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.coloured_noise import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, fitted
+from rb_dynamics.analysis.identification.fit_consistency import (
+    Estimate,
+    chance_of_one_body,
+    model_of_others,
+    predicting,
+)
 from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.missing_parameters import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
-from rb_dynamics.analysis.identification.one_body import Estimate, chance_of_one_body, model_of_others, predicting
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
+from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import information
 from rb_dynamics.analysis.read_track import TopicChoice

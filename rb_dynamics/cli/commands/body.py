@@ -11,7 +11,7 @@ import argparse
 
 from rb_dynamics.cli.parser import require_with
 from rb_dynamics.cli.scene_arguments import add_scene, read
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 HELP = "show the mass properties of a scene's body"
 

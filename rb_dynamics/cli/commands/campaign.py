@@ -14,7 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_with
-from rb_dynamics.numerics.option_numbers import whole
+from rb_dynamics.numerics.command_line_numbers import whole
 
 if TYPE_CHECKING:
     from pathlib import Path

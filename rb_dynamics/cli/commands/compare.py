@@ -21,7 +21,7 @@ from decimal import Decimal
 from rb_dynamics.cli.parser import add_window
 from rb_dynamics.cli.scene_arguments import add_start_and_topics, mapping_of
 from rb_dynamics.cli.topic_arguments import add_topics, topics_of_two
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 HELP = "compare two flights, or a scene with a recording"
 

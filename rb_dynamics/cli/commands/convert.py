@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_window
 from rb_dynamics.cli.topic_arguments import add_frames
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene_arguments import add_scene
 from rb_dynamics.cli.topic_arguments import add_topics, chosen_topics
-from rb_dynamics.numerics.option_numbers import whole
+from rb_dynamics.numerics.command_line_numbers import whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

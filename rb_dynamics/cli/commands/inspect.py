@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import add_many, add_window
 from rb_dynamics.cli.topic_arguments import add_topics, chosen_topics
+from rb_dynamics.numerics.command_line_numbers import real
 from rb_dynamics.numerics.number_parsing import real_number
-from rb_dynamics.numerics.option_numbers import real
 
 if TYPE_CHECKING:
     from rb_dynamics.analysis.bag_selection import Window

@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.cli.parser import add_many, require_ros, require_with
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 if TYPE_CHECKING:
     from rb_dynamics.cli.many_logs import Row

@@ -25,7 +25,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene_arguments import add_scene, add_wrench, listed, read_with_commands
-from rb_dynamics.numerics.option_numbers import real
+from rb_dynamics.numerics.command_line_numbers import real
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.combined_effects import CombinedEffects
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.effect import Stored
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import takes_compiled

@@ -17,8 +17,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.command_channels import Channel
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.scene_remarks import TURN_SEEN, gyrostat, has_momentum_inside, scene_remarks

@@ -19,7 +19,7 @@ from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.command_channels import Channel
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene.model import Scene

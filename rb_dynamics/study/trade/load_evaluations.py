@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion

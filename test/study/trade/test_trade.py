@@ -20,7 +20,7 @@ import pytest
 from rb_dynamics.cli import main
 from rb_dynamics.cli.commands.trade import as_text
 from rb_dynamics.errors import ConvergenceError, SceneError
-from rb_dynamics.loads.load import LoadDependence
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, fixed_step_kernel
 from rb_dynamics.numerics import compilation

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.command_channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.loads.wrench import FixedFrame, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel, RejectedWrench, WrenchChannels
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.numerics.rotation import rotate_inverse

@@ -15,7 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
-from rb_dynamics.loads.command_table import (
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.gradual_wrench import Transient, seen_in_one_frame
+from rb_dynamics.loads.varying_load import LoadDependence
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
+from rb_dynamics.loads.wrench_table import (
     HELD,
     Changes,
     CommandBatch,
@@ -25,10 +29,6 @@ from rb_dynamics.loads.command_table import (
     changes,
     timeline,
 )
-from rb_dynamics.loads.effect import Effect
-from rb_dynamics.loads.load import LoadDependence
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
-from rb_dynamics.loads.wrench_transition import Transient, seen_in_one_frame
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter
 from scipy.special import stdtrit
 
-from rb_dynamics.analysis.identification.coloured_noise import (
+from rb_dynamics.analysis.identification.residual_whiteness import (
     DOUBT,
     bands_of,
     noise_beneath,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.varying_load import Load
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, total

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
-from rb_dynamics.loads.command_channels import LAG, ON_EXCESS, topic_fault
+from rb_dynamics.loads.wrench_channels import LAG, ON_EXCESS, topic_fault
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.scene.model import Channel
 

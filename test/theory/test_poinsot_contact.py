@@ -9,7 +9,7 @@ from rerun_runs import BODY
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.rotation import rotate
-from rb_dynamics.theory.poinsot_geometry import contact, separatrices
+from rb_dynamics.theory.poinsot_contact import contact, separatrices
 
 
 @pytest.mark.parametrize("rate", [1e-200, 1e-9, 1e9, 1e150])

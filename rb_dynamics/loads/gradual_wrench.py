@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.load import Load
+from rb_dynamics.loads.varying_load import Load
 from rb_dynamics.loads.wrench import HeldWrench, combined
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, conjugate, multiply, rotate, rotate_inverse

@@ -11,8 +11,8 @@ import pytest
 import rb_dynamics as rb
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Setpoint
-from rb_dynamics.loads.command_channels import AppliedWrench, Channel, WrenchChannels
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
+from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel, WrenchChannels
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.numerics.rotation import rotate_inverse
