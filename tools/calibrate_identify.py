@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, RigidBody, identify
-from rb_dynamics.analysis.identification.missing_parameters import CHANCE
+from rb_dynamics.analysis.identification.model_omissions import CHANCE
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 
 DELAY = 0.02

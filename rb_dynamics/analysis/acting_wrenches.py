@@ -13,7 +13,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.messages import APPLIED
-from rb_dynamics.logs.recorded_topics import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene

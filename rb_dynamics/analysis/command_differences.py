@@ -15,7 +15,7 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
-from rb_dynamics.logs.recorded_topics import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
 

@@ -2,7 +2,7 @@
 
 With J and P the impulses of the recorded torques and forces (`impulse.py`), R I w - J and m v - P for the centre of
 mass are constant: exact, over any time, and nothing is differentiated. What changes by more than its own noise
-(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/inertia_check.py`):
+(`noise.py`) has a cause. What has one, and which, is said by the fit of `identify` (`identification/given_inertia.py`):
 it sees smaller changes, in a part of a long recording. Where impulses are not known, nothing is judged.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.identification.inertia_check import (
+from rb_dynamics.analysis.identification.given_inertia import (
     FittedInertia,
     FittedTorque,
     InertiaScore,

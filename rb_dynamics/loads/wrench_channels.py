@@ -19,7 +19,7 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.gradual_wrench import Transient, seen_in_one_frame
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
-from rb_dynamics.loads.wrench_table import (
+from rb_dynamics.loads.wrench_command_arrays import (
     HELD,
     Changes,
     CommandBatch,

@@ -28,10 +28,10 @@ from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
-from rb_dynamics.loads.wrench_table import CommandBatch, Received
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Received
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
-from rb_dynamics.logs.recorded_topics import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene
 
 _logger = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
-from rb_dynamics.motion.load_change_time import steady_time
+from rb_dynamics.motion.load_time_scale import steady_time
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels

@@ -28,7 +28,7 @@ from rb_dynamics.loads.wheel_numbers import (
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
-from rb_dynamics.motion.load_change_time import steady_time
+from rb_dynamics.motion.load_time_scale import steady_time
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, spun, total, two_sum
 from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout

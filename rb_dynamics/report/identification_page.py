@@ -12,8 +12,8 @@ import numpy as np
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS
 from rb_dynamics.analysis.identification.identify import Identification, Parameter
+from rb_dynamics.analysis.identification.measurement_model import Predicted
 from rb_dynamics.analysis.identification.parameters import AXES, rows_of
-from rb_dynamics.analysis.identification.prediction import Predicted
 from rb_dynamics.report import plots
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.report.interactive_plots import Picture

@@ -8,7 +8,7 @@ from itertools import repeat
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from rb_dynamics.loads.wrench_channels import AppliedWrench
-from rb_dynamics.loads.wrench_table import Changes
+from rb_dynamics.loads.wrench_command_arrays import Changes
 from rb_dynamics.run.sample import Sample
 
 if TYPE_CHECKING:

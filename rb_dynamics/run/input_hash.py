@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rb_dynamics.loads.actuator import ActuatorCommand
     from rb_dynamics.loads.wrench_channels import AppliedWrench
-    from rb_dynamics.loads.wrench_table import Changes
+    from rb_dynamics.loads.wrench_command_arrays import Changes
     from rb_dynamics.run.state_change import StateChange
     from rb_dynamics.scene.model import Scene
 

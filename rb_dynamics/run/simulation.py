@@ -38,7 +38,7 @@ from rb_dynamics.loads.wrench_channels import (
     RejectedWrench,
     WrenchChannels,
 )
-from rb_dynamics.loads.wrench_table import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of

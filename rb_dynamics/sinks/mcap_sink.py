@@ -72,7 +72,7 @@ from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
-    from rb_dynamics.loads.wrench_table import Changes
+    from rb_dynamics.loads.wrench_command_arrays import Changes
     from rb_dynamics.logs.messages import Times
     from rb_dynamics.scene.model import Scene
 

@@ -26,7 +26,7 @@ from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
-from rb_dynamics.logs.recorded_topics import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.simulation import simulate

@@ -28,8 +28,8 @@ from rb_dynamics.analysis.identification.flights import (
     with_points,
 )
 from rb_dynamics.analysis.identification.identify import Identification
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
-from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.log_metadata import RUN

@@ -44,7 +44,7 @@ from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import AppliedWrench, ReceivedWrench, RejectedWrench
-from rb_dynamics.loads.wrench_table import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
 from rb_dynamics.logs.messages import (
     ACCEL,
     APPLIED,

@@ -15,8 +15,8 @@ import numpy as np
 
 from rb_dynamics.analysis.identification.first_guess import first_guess
 from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.multiple_shooting import joined
-from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of, largest, noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import information, sane, stacked, tame, triangle

@@ -12,8 +12,8 @@ import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream, usual_interval
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import PLACES
-from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.uniform_gravity import UniformGravity

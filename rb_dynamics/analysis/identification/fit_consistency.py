@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rb_dynamics.analysis.identification.flights import Flight
-from rb_dynamics.analysis.identification.missing_parameters import TOLD
+from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.model_omissions import TOLD
 from rb_dynamics.analysis.identification.parameters import Layout
-from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.scene.model import Scene
 

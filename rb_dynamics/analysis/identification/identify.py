@@ -24,10 +24,10 @@ from rb_dynamics.analysis.identification.fit_consistency import (
     predicting,
 )
 from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
-from rb_dynamics.analysis.identification.missing_parameters import CHANCE, TOLD, Omission, Trial, best_with, trials
+from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
+from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
-from rb_dynamics.analysis.identification.prediction import Body, Model, Predicted
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import information

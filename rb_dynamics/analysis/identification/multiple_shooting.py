@@ -21,7 +21,7 @@ import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import Flight, Stream
-from rb_dynamics.analysis.identification.prediction import NODE, Model, Predicted
+from rb_dynamics.analysis.identification.measurement_model import NODE, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Fit
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of
 from rb_dynamics.analysis.identification.stacked_rows import stacked, tame, triangle

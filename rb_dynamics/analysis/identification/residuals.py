@@ -10,7 +10,7 @@ import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, usual_interval
-from rb_dynamics.analysis.identification.prediction import Model, Predicted
+from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.residual_whiteness import Band, bands_of, noise_beneath, root_of, whiteness
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of
 from rb_dynamics.analysis.identification.stacked_rows import information

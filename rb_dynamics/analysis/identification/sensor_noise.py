@@ -8,7 +8,7 @@ import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, Stream
-from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.track import Array
 
 Key = tuple[str, str]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rb_dynamics.analysis.identification.prediction import Predicted
+from rb_dynamics.analysis.identification.measurement_model import Predicted
 from rb_dynamics.analysis.track import Array
 
 RUNAWAY = 1e12

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics.analysis.identification import estimation, prediction
+from rb_dynamics.analysis.identification import estimation, measurement_model
 from rb_dynamics.analysis.identification.estimation import _against_plausible, _least_squares, fitted
-from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.measurement_model import Model
 
 
 def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,7 +41,7 @@ def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.Monk
 
 
 def test_a_search_does_not_hold_the_derivatives_of_the_whole_flight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prediction, "_BLOCK", 256)
+    monkeypatch.setattr(measurement_model, "_BLOCK", 256)
     random = np.random.default_rng(1)
     body = random_body(random)
     made = flown(body, random, seconds=300.0, spin=(0.9, 1.2, -1.5), gyro=1e-3)

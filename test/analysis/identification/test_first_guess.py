@@ -9,7 +9,7 @@ import pytest
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics.analysis.identification.first_guess import first_guess
-from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.measurement_model import Model
 
 
 def test_a_long_tumble_is_guessed_at_without_memory_that_grows_with_its_square() -> None:

@@ -9,8 +9,8 @@ from identified_flights import flown, guess, random_body
 from rb_dynamics import identify
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.multiple_shooting import joined
-from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.sensor_noise import noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import information
 from rb_dynamics.body.rigid_body import RigidBody

@@ -14,9 +14,9 @@ from rb_dynamics import Identification, MemorySink, RigidBody, identify, parse_s
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 from rb_dynamics.analysis.identification.identify import _Report
-from rb_dynamics.analysis.identification.missing_parameters import _candidates, trials
+from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.model_omissions import _candidates, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
-from rb_dynamics.analysis.identification.prediction import Model
 
 TORQUE = np.array([0.06, -0.08, 0.05])
 

@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.estimation import settled
 from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, RATES
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import ParameterBlock
-from rb_dynamics.analysis.identification.prediction import Model
 from rb_dynamics.analysis.identification.residual_whiteness import root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import sane, stacked, triangle

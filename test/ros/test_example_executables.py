@@ -135,7 +135,7 @@ def test_an_example_says_what_it_is_before_it_starts(name: str) -> None:
     assert said.returncode == 0, said.stderr
     assert f"usage: {name}" in said.stdout
     # As `ros2 run rb_dynamics NAME` and pip's bin/NAME start it.
-    function = f"import rb_dynamics.ros.examples as examples; examples.{Path(name).stem}()"
+    function = f"import rb_dynamics.ros.example_executables as examples; examples.{Path(name).stem}()"
     installed = subprocess.run(
         [sys.executable, "-c", function, "--help"], capture_output=True, text=True, check=False, timeout=30.0
     )

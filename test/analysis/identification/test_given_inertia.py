@@ -10,7 +10,7 @@ import pytest
 from noisy_recordings import Recording, recording, spun_up
 
 from rb_dynamics.analysis.bag_selection import part_of
-from rb_dynamics.analysis.identification import inertia_check
+from rb_dynamics.analysis.identification import given_inertia
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
@@ -78,7 +78,7 @@ def test_a_torque_outside_of_the_middle_of_poses_is_seen(monkeypatch: pytest.Mon
         whole = track_of(made, without="/b/twist")
         # The torque acts in the first two fifths of what is left.
         late = read_track(part_of(whole, (3.2, None)), made.scene())
-        monkeypatch.setattr(inertia_check, "_TURN", 0.3 * turned_in(late))
+        monkeypatch.setattr(given_inertia, "_TURN", 0.3 * turned_in(late))
         left = judged(late)
         assert (left.explained and left.told) is not bool(uncommanded)
         if not uncommanded:

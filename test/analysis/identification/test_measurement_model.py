@@ -7,7 +7,7 @@ import pytest
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import parse_scene
-from rb_dynamics.analysis.identification import prediction
+from rb_dynamics.analysis.identification import measurement_model
 from rb_dynamics.analysis.identification.estimation import sane, stacked
 from rb_dynamics.analysis.identification.flights import (
     ACCELERATION,
@@ -19,7 +19,7 @@ from rb_dynamics.analysis.identification.flights import (
     Stream,
     WrenchSeries,
 )
-from rb_dynamics.analysis.identification.prediction import Model
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.motion import variational_equations
@@ -149,7 +149,7 @@ def test_plain_and_compiled_kernel_have_the_same_bits(monkeypatch: pytest.Monkey
         monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
         predicted.append(list(model.predict(z)))
     one_by_one = variational_equations.propagate_sensitivities
-    monkeypatch.setattr(prediction, "kernel", lambda *_: one_by_one)
+    monkeypatch.setattr(measurement_model, "kernel", lambda *_: one_by_one)
     predicted.append(list(model.predict(z)))
 
     for each in zip(*predicted, strict=True):
@@ -166,7 +166,7 @@ def test_pieces_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(list(model.blocks(z))) == 2
     alone = list(model.predict(z, derivatives=False))
     for size in (1, 3):
-        monkeypatch.setattr(prediction, "_BLOCK", size)
+        monkeypatch.setattr(measurement_model, "_BLOCK", size)
         assert len(list(model.blocks(z))) > 6
         for one, other, bare in zip(whole, model.predict(z), alone, strict=True):
             assert (one.key, one.flight) == (other.key, other.flight) == (bare.key, bare.flight)
@@ -196,7 +196,7 @@ def test_a_motion_that_runs_away_has_no_numbers_and_no_warnings(monkeypatch: pyt
         for part in given[14:]:
             part[:] = far
 
-    monkeypatch.setattr(prediction, "kernel", lambda *_: run_away)
+    monkeypatch.setattr(measurement_model, "kernel", lambda *_: run_away)
     model = Model(parse_scene(SCENE), [every_sensor()], FIT)
     predicted = list(model.predict(np.zeros(model.layout.count)))
 

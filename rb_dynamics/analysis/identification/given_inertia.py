@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.estimation import followed, starts_of
 from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, Stream, WrenchSeries, held_rows
-from rb_dynamics.analysis.identification.missing_parameters import TOLD
+from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
+from rb_dynamics.analysis.identification.model_omissions import TOLD
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
-from rb_dynamics.analysis.identification.prediction import Model, Predicted
 from rb_dynamics.analysis.identification.residual_whiteness import bands_of, root_of, whiteness, widened
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
 from rb_dynamics.analysis.identification.sensor_noise import floor_of, noise_shown

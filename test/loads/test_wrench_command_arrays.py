@@ -13,7 +13,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames, held_of
 from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel, WrenchChannels
-from rb_dynamics.loads.wrench_table import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
 
 BODY = RigidBody.from_matrix(2.0, np.diag([1.0, 2.0, 2.5]), center_of_mass=(0.1, -0.2, 0.3))
 FRAMES = WrenchFrames(fixed={"nozzle": FixedFrame((0.5, 0.1, -0.3), (0.5, -0.5, 0.5, 0.5))}).of(BODY)

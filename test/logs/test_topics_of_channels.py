@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rb_dynamics.logs.recorded_topics import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene
 
 
 @pytest.mark.parametrize(
