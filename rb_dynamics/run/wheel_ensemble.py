@@ -247,8 +247,14 @@ class WheelEnsemble:
         found = None if self._samples is None else self._samples()
         if found is None:
             time_ns = self.time_ns
-            read = lambda: self.phases, self._speeds, lambda phases: self._told(phases, time_ns)
-            found = WheelSamples(self._body, self._start, time_ns, *read)
+            found = WheelSamples(
+                self._body,
+                self._start,
+                time_ns,
+                lambda: self.phases,
+                self._speeds,
+                lambda phases: self._told(phases, time_ns),
+            )
             self._samples = weakref.ref(found)
         return found
 
