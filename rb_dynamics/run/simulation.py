@@ -595,7 +595,6 @@ class Simulation:
     def _advance(self, until_ns: int, enough: Enough | None) -> None:
         output, begun_ns = self.next_output_ns(), self.time_ns
         while True:
-            stop_if(enough, begun_ns < self.time_ns < until_ns)
             change = self._next_change_ns()
             if self._stale:
                 self._renew_before(change)
@@ -603,6 +602,8 @@ class Simulation:
             if change is not None and change <= self.time_ns:
                 self._apply_changes()
                 continue
+            # Not before the changes of this time: a run that ends here would have reached them without a trace.
+            stop_if(enough, begun_ns < self.time_ns < until_ns)
             edge, switch = self._nearest_ns(output, change), None
             if self._wheels is not None and not self.ended:
                 switch = self._next_switch_ns(self._wheels, min(edge, until_ns), enough)

@@ -297,8 +297,11 @@ class Recorder:
             if number >= block.taken:
                 self.take(block.change(number - block.taken))
                 continue
-            if number > first:
-                self.rows.take_samples(chosen(block.samples, slice(first, number)))
+            while first < number:
+                until = min(first + self.batch_rows, number)
+                self.rows.take_samples(chosen(block.samples, slice(first, until)))
+                self._flush_if_due()
+                first = until
             self.take(next(last_ones))
             first = number + 1
 
