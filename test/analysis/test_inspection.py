@@ -131,7 +131,8 @@ def test_memory_grows_little_with_a_bag(
     scene, factor = (rb.parse_scene(WRONG), 1.0) if with_scene else (None, 1.01)
     log = tmp_path / "run.mcap"
     bags = [odometry_of(spun(log, samples), tmp_path / f"{samples}.mcap", factor) for samples in (4000, 9000)]
-    peaks = [peak_of_inspect(bag, scene) for bag in bags]
+    # What another thread holds at that moment only adds to a peak.
+    peaks = [min(peak_of_inspect(bag, scene) for _ in range(2)) for bag in bags]
     assert (peaks[1] - peaks[0]) / 5000 < bytes_each
 
 
