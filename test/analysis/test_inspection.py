@@ -15,7 +15,7 @@ from recorded_runs import Flight
 import rb_dynamics as rb
 from rb_dynamics.analysis import impulse, own_log_consistency, track, twist_calibration
 from rb_dynamics.cli import main
-from rb_dynamics.formats import cdr
+from rb_dynamics.formats import cdr, mcap_records
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.numerics import growing_array
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -85,6 +85,8 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
         monkeypatch.setattr(growing_array, name, 2**12)
     for module in (track, impulse, own_log_consistency):
         monkeypatch.setattr(module, "_BLOCK", rows)
+    # Whether a chunk that is read ahead stands beside the peak depends on how busy the machine is.
+    monkeypatch.setattr(mcap_records, "one_ahead", iter)
 
 
 def peak_of_inspect(path: Path, scene: rb.Scene | None = None) -> int:
@@ -115,13 +117,14 @@ def odometry_of(log: Path, bag: Path, factor: float = 1.0) -> Path:
 
 
 def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The numbers of a sample, some 200 bytes, stand in files; its time is kept, and what is sorted for a while."""
+    """The numbers of a sample, some 200 bytes, stand in files, from the first full block on."""
     small_blocks(monkeypatch, 1000)
-    peaks = [peak_of_inspect(spun(tmp_path / "run.mcap", samples)) for samples in (6000, 11000)]
-    assert (peaks[1] - peaks[0]) / 5000 < 100
+    # The first one also fills what stays for the next: modules, tables.
+    peaks = [peak_of_inspect(spun(tmp_path / "run.mcap", samples)) for samples in (1000, 11000, 16000)]
+    assert (peaks[2] - peaks[1]) / 5000 < 50
 
 
-@pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 120), (True, 180)])
+@pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 50), (True, 120)])
 def test_memory_grows_little_with_a_bag(
     with_scene: bool, bytes_each: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,10 +133,9 @@ def test_memory_grows_little_with_a_bag(
     monkeypatch.setattr(twist_calibration, "_MOST_BLOCKS", 500)
     scene, factor = (rb.parse_scene(WRONG), 1.0) if with_scene else (None, 1.01)
     log = tmp_path / "run.mcap"
-    bags = [odometry_of(spun(log, samples), tmp_path / f"{samples}.mcap", factor) for samples in (4000, 9000)]
-    # What another thread holds at that moment only adds to a peak.
-    peaks = [min(peak_of_inspect(bag, scene) for _ in range(2)) for bag in bags]
-    assert (peaks[1] - peaks[0]) / 5000 < bytes_each
+    bags = [odometry_of(spun(log, samples), tmp_path / f"{samples}.mcap", factor) for samples in (1000, 9000, 14000)]
+    peaks = [peak_of_inspect(bag, scene) for bag in bags]
+    assert (peaks[2] - peaks[1]) / 5000 < bytes_each
 
 
 def test_blocks_of_a_bag_change_no_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
