@@ -84,8 +84,9 @@ class EdgeSchedule:
         import numpy as np
 
         period, parts = self._period_ns
+        behind = min(first + _MANY, until_ns * parts // period + 2)
         # Python's integers, where 64 bits do not suffice.
-        kind = np.int64 if (first + _MANY) * 2 * period < 2**62 else object
-        numbers = np.arange(first, first + _MANY, dtype=np.int64).astype(kind)
+        kind = np.int64 if behind * 2 * period < 2**62 else object
+        numbers = np.arange(first, behind, dtype=np.int64).astype(kind)
         times = (2 * numbers * period + parts) // (2 * parts)
         return times[times <= until_ns].astype(np.int64)

@@ -523,18 +523,19 @@ class Simulation:
 
         The commands are in order of their stamps, none earlier than one posted before.
         """
-        numbers = {topic: self._channels.number(topic) for topic in {topic for topic, _ in commands}}
+        topics = {topic for topic, _ in commands}
+        numbers = {topic: number for topic in topics if (number := self._channels.number(topic)) is not None}
         times_ns = [wrench.stamp_ns for _, wrench in commands]
         end_ns = math.inf if self.end_ns is None else self.end_ns
         first, last = bisect_right(times_ns, self._computed_ns), bisect_right(times_ns, end_ns)
         # For a few, arrays do not pay.
         if len(commands) < FEWEST:
             first = last = len(commands)
-        known = [(numbers[topic], wrench) for topic, wrench in commands[first:last] if numbers[topic] is not None]
-        others = [each for each in commands[first:last] if numbers[each[0]] is None]
+        known = [each for each in commands[first:last] if each[0] in numbers]
+        others = [each for each in commands[first:last] if each[0] not in numbers]
         rejected = self._post_each((*commands[:first], *others))
         if known:
-            channels, wrenches = zip(*known, strict=True)
+            channels, wrenches = [numbers[topic] for topic, _ in known], [wrench for _, wrench in known]
             stamps_ns = [wrench.stamp_ns for wrench in wrenches]
             rejected += self.post_batch(listed(channels, all_with_floats(wrenches), stamps_ns))
         return rejected + self._post_each(commands[last:])
@@ -1203,7 +1204,8 @@ def as_command(command: object) -> Command:
         if isinstance(topic, str) and isinstance(wrench, (Wrench, Setpoint)):
             if type(wrench.stamp_ns) is not int:
                 whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
-            return topic, wrench
+            # Not copied, because a run may have a million.
+            return command if isinstance(command, tuple) else (topic, wrench)
     raise TypeError(
         f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
     )
@@ -1272,13 +1274,12 @@ def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str
 def _post(run: Simulation, commands: Sequence[Command]) -> list[str]:
     """Post commands that may be in any order; return the reason for each rejected one."""
     rejected: list[str] = []
-    wrenches: list[tuple[str, Wrench]] = []
-    for topic, command in sorted(commands, key=_stamp_ns):
-        if isinstance(command, Wrench):
-            wrenches.append((topic, command))
-            continue
-        try:
-            run.actuate(topic, command.value, command.stamp_ns)
-        except WrenchError as error:
-            rejected.append(_rejection(topic, command.stamp_ns, error))
-    return rejected + run.post_in_order(wrenches)
+    ordered = sorted(commands, key=_stamp_ns)
+    for topic, command in ordered:
+        if isinstance(command, Setpoint):
+            try:
+                run.actuate(topic, command.value, command.stamp_ns)
+            except WrenchError as error:
+                rejected.append(_rejection(topic, command.stamp_ns, error))
+    wrenches = [each for each in ordered if isinstance(each[1], Wrench)]
+    return rejected + run.post_in_order(cast("list[tuple[str, Wrench]]", wrenches))
