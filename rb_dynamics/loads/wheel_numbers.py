@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.compilation import compiled_apart
 from rb_dynamics.numerics.rotation import Quaternion, rotate
-from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -39,6 +39,12 @@ as it is; the point that it was released from at this very time; its limits; and
 no speed. How long ago (s) it passed the point that it is put to now, and the torque on it since then."""
 
 _NANOSECOND = 1e-9
+
+# A step resolves a motion whose derivatives are at most this per step, in units of the one before.
+_RESOLVED = 6.0
+
+# Rounding errors of a speed.
+_ROUNDING = 2.0**-46
 
 FREE, AT_SPEED, AT_REST = 0.0, 1.0, 2.0
 """How a wheel is held."""
@@ -120,6 +126,40 @@ def excess(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> 
         needed, least, most = _holding(c, a, spin_up, speed)
         below, above = (least - needed) / c[a + INERTIA], (needed - most) / c[a + INERTIA]
     return below if below > above else above
+
+
+def is_far(c: Cells, i: int, excess: float, omega: Vector, other: Vector) -> bool:
+    """Return whether no wheel can switch within a step, by the `excess` and w at its ends alone.
+
+    The speed of a free wheel deviates from a monotonic function by what the turning of the body adds to it.
+    """
+    return not is_held(c, i) and excess + 8.0 * (norm(omega) + norm(other)) <= 0.0
+
+
+def bend_and_noise(
+    c: Cells, i: int, s: int, h: float, turning: tuple[Vector, Vector], gaining: tuple[Vector, Vector]
+) -> tuple[float, float]:
+    """Return bounds on the second derivative of `excess` within a step of h s, and on its rounding errors.
+
+    `turning` and `gaining` are w and w' at its ends. J (W' + a . w') = u + f, so W'' = -v W' / J - a . w''; and a held
+    wheel needs J a . w'. Of w' and w'' it takes twice the largest that w has as a cubic.
+    """
+    mean, (first, last) = scale(1.0 / h, subtract(turning[1], turning[0])), gaining
+    faster, change = 2.0 * max(norm(first), norm(last), norm(mean)), subtract(last, first)
+    early = add_scaled(scale(6.0, subtract(mean, first)), -2.0, change)
+    late = add_scaled(scale(6.0, subtract(last, mean)), -2.0, change)
+    sharper = 2.0 / h * max(norm(early), norm(late), norm(change))
+    bend = size = 0.0
+    for k in range(int(c[i])):
+        a = _at(i, k)
+        if c[a + HELD] == FREE:
+            j, speed = c[a + INERTIA], speed_of(c, i, s, k, turning[0])
+            rate = abs(c[a + MOTOR] + c[a + FRICTION] - c[a + VISCOUS] * speed) / j
+            bend = max(bend, c[a + VISCOUS] / j * (rate + faster) + sharper)
+            size = max(size, abs(speed) + abs(c[s + k]) / j)
+        else:
+            bend, size = max(bend, _RESOLVED / h * sharper), max(size, faster)
+    return bend, _ROUNDING * size
 
 
 def switches(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> bool:

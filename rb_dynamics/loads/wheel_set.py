@@ -27,10 +27,12 @@ from rb_dynamics.loads.wheel_numbers import (
     HELD,
     MOTOR,
     begin_wheel,
+    bend_and_noise,
     command_wheel,
     excess,
     inner_torque,
     invert_inertia,
+    is_far,
     is_held,
     may_stay,
     momentum_in,
@@ -136,6 +138,20 @@ class WheelSet:
         if is_held(c, 0):
             spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega)
         return max(excess(c, 0, n, k, spin_up, omega) for k in range(len(self.wheels)))
+
+    def is_far(self, excess: float, omega: Vector, other: Vector) -> bool:
+        """Return whether no wheel can switch within a step; see `wheel_numbers.is_far`."""
+        return is_far(self._now, 0, excess, omega, other)
+
+    def spin_up(self, torque: Vector, omega: Vector, states: Sequence[float]) -> Vector:
+        """Return w' (principal axes) under `torque` from outside."""
+        return spin_up_of([*self._now, *states], 0, len(self._now), self._moments, torque, omega)
+
+    def bend_and_noise(
+        self, states: Sequence[float], h: float, turning: tuple[Vector, Vector], gaining: tuple[Vector, Vector]
+    ) -> tuple[float, float]:
+        """Return bounds on the second derivative of `excess` within a step, and on its rounding errors."""
+        return bend_and_noise([*self._now, *states], 0, len(self._now), h, turning, gaining)
 
     def switch(
         self, torque: Vector, orientation: Quaternion, omega: Vector, states: Sequence[float]

@@ -240,7 +240,7 @@ class Arc:
             if phase is None:
                 return
             self._phase, self._reached = phase, self._reached + count * length
-            self._stride = None
+            self._stride = self._after = None
             self._count(count)
             stop_if(enough, count < left)
 
@@ -299,7 +299,9 @@ class Arc:
             ConvergenceError: the step could not be solved.
         """
         stride = self._next_stride()
-        return self._after or self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
+        if self._after is None:
+            self._after = self._advance(self._phase, stride / (self._control.denominator * NANOSECONDS))
+        return self._after
 
     def _next_stride(self) -> int:
         if self._stride is None:

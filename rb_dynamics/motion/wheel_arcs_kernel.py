@@ -15,8 +15,10 @@ from rb_dynamics.loads.compiled_load import EffectLoad, has_effects, is_attracti
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wheel_numbers import (
+    bend_and_noise,
     command_wheel,
     excess,
+    is_far,
     is_held,
     may_stay,
     move_on,
@@ -37,7 +39,7 @@ from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
-from rb_dynamics.numerics.sign_change import SignChange, narrowed, next_guess
+from rb_dynamics.numerics.sign_change import first_positive
 from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -57,27 +59,24 @@ if TYPE_CHECKING:
 
 # Numbers of the arc of a body: goal, what was learnt when it began, what is learnt, and what will be after the next
 # stride; length (s) of a stride from the grid point whose results are there already, as after the next stride (0 for
-# none); how far the wheels are beyond where none switches, at either end of the search for a switch; then two phases
-# with their states: at the grid point and after the next stride. The body's other numbers have that at the last time,
-# in which it stands.
+# none); then two phases with their states: at the grid point and after the next stride. The body's other numbers have
+# that at the last time, in which it stands.
 GOAL = 0
 BEGAN = GOAL + len(Goal._fields)
 LEARNT = BEGAN + len(Learnt._fields)
 FOLLOWING = LEARNT + len(Learnt._fields)
 TRIED = FOLLOWING + len(Learnt._fields)
-BELOW, ABOVE = TRIED + 1, TRIED + 2
-GRID_POINT = TRIED + 3
+GRID_POINT = TRIED + 1
 
 # And its whole numbers: start of the arc (ns), length of the way to the grid point, strides that led there, length of
-# the next one (0 if it has not been chosen) and whether the phase after it is known; length of all strides (0 if each
-# is chosen); end of the stride that was searched for a switch of a wheel, the time of the switch in it, and the times
-# between which it is, as far as it has been looked for (-1 for none), and which of these moved last; whether a wheel
-# may switch in it at all; the last time; whether the first arc has begun, and whether the body is left behind; lengths
-# of the last arc, and of the next one if the last two were equally long (0 if not); whether its present step is taken
-# side by side; and whether the body stands at the grid point, whose phase is written only when it is needed.
-START, REACHED, STRIDES, STRIDE, KNOWN, LENGTH = range(6)
-SEARCHED, SWITCH, LOW, HIGH, MOVED, UNLIKE, TIME, BEGUN, LEFT_BEHIND = range(6, 15)
-LAST, EXPECTED, BESIDE, AT_GRID_POINT, WHOLE = range(15, 20)
+# the next one (0 if it has not been chosen), and of all strides (0 if each is chosen); end of the stride that was
+# searched for a switch of a wheel, the time of the switch in it (-1 for none), and whether a wheel may switch at that
+# end; the last time; whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and
+# of the next one if the last two were equally long (0 if not); whether its present step is taken side by side; and
+# whether the body stands at the grid point, whose phase is written only when it is needed.
+START, REACHED, STRIDES, STRIDE, LENGTH = range(5)
+SEARCHED, SWITCH, UNLIKE, TIME, BEGUN, LEFT_BEHIND = range(5, 11)
+LAST, EXPECTED, BESIDE, AT_GRID_POINT, WHOLE = range(11, 16)
 
 # Bodies for which going side by side pays.
 _FEWEST = 2
@@ -186,8 +185,11 @@ def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h
     following = following_step(goal, allowed, error, h)
     if rounding(goal, phase, max(float(w[EXPECTED]), following * NANOSECONDS)) > goal.accuracy:
         return False
+    before = _beyond(c, phase)
     _write_states(c, r, PHASE)
-    if _beyond(c, after) > 0.0 or not _all_finite(c, after, r, PHASE):
+    beyond = max(before, _beyond(c, after))
+    far = is_far(c, WHEELS, beyond, phase.angular_velocity, after.angular_velocity)
+    if not far or not _all_finite(c, after, r, PHASE):
         _write_states(c, c, layout(c)[1])
         return False
     _stand(c, r, 0)
@@ -258,8 +260,8 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole) -> None:
     else:
         # See `Plan`.
         _copy(f, BEGAN, LEARNT, 5)
-    w[START], w[SEARCHED], w[SWITCH], w[LOW] = w[TIME], -1, -1, -1
-    w[REACHED] = w[STRIDES] = w[STRIDE] = w[KNOWN] = 0
+    w[START], w[SEARCHED], w[SWITCH] = w[TIME], -1, -1
+    w[REACHED] = w[STRIDES] = w[STRIDE] = 0
     w[AT_GRID_POINT] = 1
     phase, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
     outside = _outside(c, phase) if may_stay(c, WHEELS) else ZERO
@@ -273,10 +275,12 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole) -> None:
 @compiled_apart
 def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Choose the next stride; return whether there is one."""
-    if w[LENGTH] > 0:
-        w[STRIDE], w[KNOWN] = w[LENGTH], 0
-        return True
     _stand(c, f, GRID_POINT)
+    if w[LENGTH] > 0:
+        _alone(c, trials[0], trials[1], w[LENGTH] / NANOSECONDS)
+        _keep(c, f, GRID_POINT + _size(c))
+        w[STRIDE] = w[LENGTH]
+        return is_finite(phase_at(c, CONSTANTS))
     (inertia, held), phase = constants_at(c), phase_at(c, CONSTANTS)
     goal, sight = _goal_and_sight(c, f, phase)
     guess, k = f[LEARNT], LEARNT
@@ -290,7 +294,7 @@ def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
         return False
     _keep(c, f, GRID_POINT + _size(c))
     f[FOLLOWING], f[FOLLOWING + 1], f[FOLLOWING + 2], f[FOLLOWING + 3], f[FOLLOWING + 4] = following
-    w[STRIDE], w[KNOWN] = length, 1
+    w[STRIDE] = length
     return is_finite(after)
 
 
@@ -314,66 +318,59 @@ def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) ->
         end_ns = w[START] + w[REACHED] + w[STRIDE]
         if end_ns != w[SEARCHED]:
             first = w[START] if w[SEARCHED] < 0 else w[SEARCHED] - 1
-            w[SEARCHED], w[SWITCH], w[LOW] = end_ns, -1, -1
-            if not _bracket(c, f, w, first, end_ns - 1, trials):
+            w[SEARCHED], w[SWITCH] = end_ns, -1
+            if not _search_stride(c, f, w, first, end_ns, trials):
                 return False
-        if w[LOW] >= 0:
-            return _bisect(c, f, w, until_ns, trials)
-        if end_ns > until_ns or (end_ns == until_ns and w[UNLIKE] == 0):
+        if w[SWITCH] >= 0 or end_ns > until_ns or (end_ns == until_ns and w[UNLIKE] == 0):
             return True
-        if not _take(c, f, w, trials):
-            return False
+        _take(c, f, w)
 
 
-def _bracket(c: Numbers, f: Numbers, w: Whole, first: int, last: int, trials: _Trials) -> bool:
-    """Note whether a wheel switches between two times within the next stride; return whether they can be reached."""
-    w[UNLIKE] = 1
-    if w[KNOWN] != 0:
-        _stand(c, f, GRID_POINT + _size(c))
-        if not _beyond(c, phase_at(c, CONSTANTS)) > 0.0:
-            w[UNLIKE] = 0
-            return True
-    if last <= first:
-        return True
+def _search_stride(c: Numbers, f: Numbers, w: Whole, first: int, last: int, trials: _Trials) -> bool:
+    """Note whether a wheel switches between two times within the next stride; return whether that can be told."""
     _stand(c, f, GRID_POINT)
-    below = min(_beyond(c, phase_at(c, CONSTANTS)), 0.0)
-    if not _reach(c, f, w, last, trials):
-        return False
+    start, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
+    below = min(_beyond(c, start), 0.0)
+    _stand(c, f, GRID_POINT + _size(c))
     above = _beyond(c, phase_at(c, CONSTANTS))
+    w[UNLIKE] = 0
     if above > 0.0:
-        w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED] = first, last, below, above, 0
-    return True
-
-
-def _bisect(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) -> bool:
-    """Find the switch, or that it comes after a time; return whether the times of the search can be reached."""
-    while w[HIGH] - w[LOW] > 1 and w[LOW] < until_ns:
-        found = SignChange(w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED])
-        middle = next_guess(found)
-        if not _reach(c, f, w, middle, trials):
+        w[UNLIKE] = 1
+        last -= 1
+        if last <= first:
+            return True
+        if not _reach(c, f, w, last, trials):
             return False
-        found = narrowed(found, middle, _beyond(c, phase_at(c, CONSTANTS)))
-        w[LOW], w[HIGH], f[BELOW], f[ABOVE], w[MOVED] = found
-    if w[HIGH] - w[LOW] <= 1:
-        w[SWITCH] = w[HIGH]
-    return True
+        above = _beyond(c, phase_at(c, CONSTANTS))
+    there = phase_at(c, CONSTANTS)
+    turning = start.angular_velocity, there.angular_velocity
+    if is_far(c, WHEELS, max(below, above), turning[0], turning[1]):
+        return True
+    gained, h = _spin_up(c, there), (last - first) / NANOSECONDS
+    _stand(c, f, GRID_POINT)
+    bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, start), gained))
+    found: int = _first_switch((c, f, w, trials), first, last, below, above, bend / NANOSECONDS**2, noise)
+    if found > 0:
+        w[SWITCH] = first + found
+    return found >= 0
 
 
-def _take(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
-    """Take the next stride; return whether it can be taken."""
+def _beyond_at(search: Any, time_ns: int) -> float:
+    """Return how far the wheels are beyond at a time within the next stride; NaN if it cannot be reached."""
+    c, f, w, trials = search
+    return _beyond(c, phase_at(c, CONSTANTS)) if _reach(c, f, w, time_ns, trials) else math.nan
+
+
+_first_switch = specialise(first_positive, "first_switch", _value=_beyond_at)
+
+
+def _take(c: Numbers, f: Numbers, w: Whole) -> None:
+    """Take the next stride."""
     _copy(f, FOLLOWING, LEARNT, 5)
-    if w[KNOWN] == 0:
-        _stand(c, f, GRID_POINT)
-        _alone(c, trials[0], trials[1], w[STRIDE] / NANOSECONDS)
-        _keep(c, f, GRID_POINT)
-        if not is_finite(phase_at(c, CONSTANTS)):
-            return False
-    else:
-        _copy(f, GRID_POINT + _size(c), GRID_POINT, _size(c))
+    _copy(f, GRID_POINT + _size(c), GRID_POINT, _size(c))
     w[REACHED] += w[STRIDE]
     w[STRIDES] += 1
-    w[STRIDE] = w[KNOWN] = 0
-    return True
+    w[STRIDE] = 0
 
 
 @compiled_apart
@@ -381,8 +378,7 @@ def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> b
     """Stand at a time within the next stride; return whether it can be reached."""
     rest = time_ns - w[START] - w[REACHED]
     if rest > 0 and rest == w[STRIDE]:
-        if not _take(c, f, w, trials):
-            return False
+        _take(c, f, w)
         rest = 0
     _stand(c, f, GRID_POINT)
     if rest > 0:
@@ -396,7 +392,9 @@ def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> b
 @compiled_apart
 def _beyond(c: Numbers, phase: PhaseState) -> float:
     """Return how far the wheels are beyond where none switches, in a phase with the states in `c`."""
-    (_, _, states), spin_up, found = layout(c), _spin_up(c, phase), -math.inf
+    (_, _, states), spin_up, found = layout(c), ZERO, -math.inf
+    if is_held(c, WHEELS):
+        spin_up = _spin_up(c, phase)
     for k in range(int(c[WHEELS])):
         found = max(found, excess(c, WHEELS, states, k, spin_up, phase.angular_velocity))
     return found
@@ -416,9 +414,7 @@ def _switch(c: Numbers) -> None:
 
 @compiled_apart
 def _spin_up(c: Numbers, phase: PhaseState) -> Vector:
-    """Return w' (principal axes) in a phase with the states in `c`, if a wheel is held."""
-    if not is_held(c, WHEELS):
-        return ZERO
+    """Return w' (principal axes) in a phase with the states in `c`."""
     _, _, states = layout(c)
     return spin_up_of(c, WHEELS, states, (c[1], c[2], c[3]), _outside(c, phase), phase.angular_velocity)
 

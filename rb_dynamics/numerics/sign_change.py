@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
+
+# Fraction of the interval that is searched: what happens within one so short is not looked for.
+_SHORTEST = 2.0**-17
 
 
 class SignChange(NamedTuple):
@@ -36,3 +40,55 @@ def narrowed(found: SignChange, at: int, value: float) -> SignChange:
     if value > 0.0:
         return SignChange(first, at, 0.5 * below if moved > 0 else below, value, max(moved, 0) + 1)
     return SignChange(at, last, value, 0.5 * above if moved < 0 else above, min(moved, 0) - 1)
+
+
+def first_positive(function: Any, first: int, last: int, below: float, above: float, bend: float, noise: float) -> int:
+    """Return how far behind `first` a function is positive first; 0 if nowhere up to `last`, -1 where it is NaN.
+
+    Its values are `below` (not positive) at `first` and `above` at `last`, and it has a second derivative of at most
+    `bend`: it is evaluated between the ends only where it may be positive by that. It may also be the largest of
+    several such functions. If it exceeds 0 between them by no more than `noise`, that is overlooked.
+    """
+    low, at_low, high, at_high = first, below, last, above
+    end, at_end, found = last, above, 0
+    shortest = max(1, int(_SHORTEST * (last - first)))
+    while True:
+        if at_high > 0.0:
+            change = SignChange(low, high, at_low, at_high, 0)
+            while change.last - change.first > 1:
+                middle = next_guess(change)
+                value = _value(function, middle)
+                if math.isnan(value):
+                    return -1
+                change = narrowed(change, middle, value)
+            # It may have been positive before.
+            found, high, at_high = change.last - first, change.first, 0.0
+            end, at_end = high, at_high
+        length = float(high - low)
+        if high - low <= shortest or peak(at_low, at_high, 0.125 * bend * length * length) <= noise:
+            if high == end:
+                return found
+            low, at_low, high, at_high = high, at_high, end, at_end
+            continue
+        # So far, or half the way, the value at `low` lets it be negative.
+        ahead = min(0.5 * length, math.sqrt(8.0 * (noise - at_low) / bend))
+        high = low + max(shortest, int(ahead))
+        at_high = _value(function, high)
+        if math.isnan(at_high):
+            return -1
+        at_high = at_high if at_high > noise else min(at_high, 0.0)
+
+
+def peak(below: float, above: float, bulge: float) -> float:
+    """Return a bound on a function between two ends, where it has these values.
+
+    Its second derivative is at most that of a parabola that deviates from its chord by `bulge` in the middle.
+    """
+    top, spare = max(below, above), 4.0 * bulge - abs(above - below)
+    return top + spare * spare / (16.0 * bulge) if spare > 0.0 else top
+
+
+def _value(function: Any, at: int) -> float:
+    """Return the value of a function. A kernel has its own version."""
+    value: float = function(at)
+    return value

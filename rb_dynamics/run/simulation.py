@@ -57,7 +57,7 @@ from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.sign_change import SignChange, narrowed, next_guess
+from rb_dynamics.numerics.sign_change import first_positive
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
 from rb_dynamics.run.event_arrays import EventArrays
@@ -186,6 +186,8 @@ class Simulation:
         self._searched_ns, self._switch_ns = -1, cast("int | None", None)
         # Whether a wheel may switch before that end or at it.
         self._unlike = True
+        # The phase at that end, and how far the wheels are beyond there.
+        self._ahead, self._excess_ahead = cast("PhaseState | None", None), 0.0
         _require_finite(scene.body, phase, begin_ns)
         self._observer = SampleBuilder(self._effects, phase, self._wheels)
         self._phase = phase
@@ -768,6 +770,9 @@ class Simulation:
     def _beyond(self, wheels: WheelSet, phase: PhaseState) -> float:
         return wheels.excess(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
+    def _spin_up(self, wheels: WheelSet, phase: PhaseState) -> Vector:
+        return wheels.spin_up(self._torque(phase), phase.angular_velocity, phase.inner)
+
     def _switch(self, phase: PhaseState) -> None:
         """Switch the wheels that have reached a switching time, from here on."""
         if self._wheels is not None:
@@ -803,18 +808,30 @@ class Simulation:
         if self._arc.next_grid_ns() == self._searched_ns:
             self._arc.advance(self._searched_ns)
         end_ns = self._arc.next_grid_ns()
-        first, last = max(self._searched_ns - 1, self.time_ns), end_ns - 1
+        first, last = max(self._searched_ns - 1, self.time_ns), end_ns
         self._searched_ns = end_ns
-        # The phase at the end of a stride is known if the stride was taken to choose it.
-        state = self._arc.state
-        self._unlike = state.stride == 0 or self._beyond(wheels, state.after) > 0.0
-        above = self._beyond(wheels, self._arc.at(last)) if self._unlike and last > first else 0.0
-        if above > 0.0:
-            found = SignChange(first, last, min(self._beyond(wheels, state.phase), 0.0), above)
-            while found.last - found.first > 1:
-                middle = next_guess(found)
-                found = narrowed(found, middle, self._beyond(wheels, self._arc.at(middle)))
-            self._switch_ns = found.last
+        start, there = self._arc.state.phase, self._arc.ahead()
+        above = self._beyond(wheels, there)
+        self._unlike = above > 0.0
+        if self._unlike:
+            last -= 1
+            if last <= first:
+                return
+            there = self._arc.at(last)
+            above = self._beyond(wheels, there)
+        below = min(self._excess_ahead if start is self._ahead else self._beyond(wheels, start), 0.0)
+        self._ahead, self._excess_ahead = there, above
+        turning = start.angular_velocity, there.angular_velocity
+        if wheels.is_far(max(below, above), *turning):
+            return
+        h = (last - first) / NANOSECONDS
+        gaining = self._spin_up(wheels, start), self._spin_up(wheels, there)
+        bend, noise = wheels.bend_and_noise(start.inner, h, turning, gaining)
+        found = first_positive(
+            lambda at: self._beyond(wheels, self._arc.at(at)), first, last, below, above, bend / NANOSECONDS**2, noise
+        )
+        if found > 0:
+            self._switch_ns = first + found
 
     def _measure(self) -> None:
         """Let the sensors read the motion at `time_ns`, and pass to the sinks what has arrived by then."""
@@ -992,7 +1009,7 @@ class Simulation:
             self._look_at_wheels(self._wheels)
         self._arc, self._tried = self._tried or self._new_arc(self.plan), None
         self._steps_before, self._stale = self._steps, False
-        self._searched_ns, self._switch_ns = -1, None
+        self._searched_ns, self._switch_ns, self._ahead = -1, None, None
 
     def _new_arc(self, plan: Plan, more: HeldWrench | None = None) -> Arc:
         """Begin an arc at `time_ns` under the present loads and `more`."""

@@ -218,6 +218,94 @@ solver: {{accuracy: 1.0e-11}}
     require_books(sink, 1e-11, 1e-13)
 
 
+def released_and_caught(
+    omega: Any, axis: Any, speed: float, coulomb: float, limit: float, seconds: float
+) -> tuple[Any, float, int]:
+    """Return rate and attitude (quaternion) of a body with one wheel, its speed, and how often that was held or let go.
+
+    By another integrator, with the speeds as states, and steps so short that no point is passed twice in one.
+    """
+    inertia, j, axis = np.diag([1.0, 1.7, 2.1]), 0.05, np.array(axis) / np.linalg.norm(axis)
+
+    def turning(state: Any, sign: float, held: bool) -> tuple[Any, float]:
+        core = inertia if held else inertia - j * np.outer(axis, axis)
+        torque = 0.0 if held else -coulomb * sign
+        whole = inertia @ state[:3] + j * state[3] * axis
+        spin_up = np.linalg.solve(core, np.cross(whole, state[:3]) - torque * axis)
+        return spin_up, 0.0 if held else torque / j - axis @ spin_up
+
+    def rates(_: float, state: Any, sign: float, held: bool) -> Any:
+        (x, y, z), (a, b, c, d) = state[:3], state[4:]
+        spin_up, faster = turning(state, sign, held)
+        turned = [d * x + b * z - c * y, d * y + c * x - a * z, d * z + a * y - b * x, -a * x - b * y - c * z]
+        return np.concatenate([spin_up, [faster], 0.5 * np.array(turned)])
+
+    def within(_: float, state: Any, sign: float, held: bool) -> float:
+        if not held:
+            return min(sign * state[3] if coulomb else math.inf, limit - sign * state[3])
+        needed = j * axis @ turning(state, sign, held)[0]
+        return coulomb - abs(needed) if state[3] == 0.0 else -coulomb - sign * needed
+
+    within.terminal, within.direction = True, -1  # type: ignore[attr-defined]
+    state, time, sign, events = np.array([*omega, speed, 0.0, 0.0, 0.0, 1.0]), 0.0, 1.0, 0
+    held = speed == 0.0
+    while time < seconds:
+        found = solve_ivp(
+            rates,
+            (time, seconds),
+            state,
+            "DOP853",
+            events=within,
+            args=(sign, held),
+            rtol=1e-12,
+            atol=1e-14,
+            max_step=2e-3,
+        )
+        time, state, events = found.t[-1], found.y[:, -1], events + len(found.t_events[0])
+        if time < seconds:
+            if not held:
+                state[3] = 0.0 if abs(state[3]) < 1e-9 else sign * limit
+            elif state[3] == 0.0:
+                sign = -math.copysign(1.0, axis @ turning(state, sign, held)[0])
+            held = not held
+    return state, state[3], events
+
+
+@pytest.mark.parametrize("solver", ["{accuracy: 1.0e-6}", "{accuracy: 1.0e-9}", "{method: dop853, step: 0.15}"])
+@pytest.mark.parametrize(
+    ("omega", "axis", "speed", "coulomb", "limit", "seconds"),
+    [
+        ((0.385, -0.98, 0.88), (0.0356, -0.506, 0.594), 0.2305, 0.0145, math.inf, 3.2),
+        ((1.5, 0.2, 0.8), (1, 2, 2), 0.9, 0.02, math.inf, 3.0),
+        ((-0.4, -0.4, 2.0), (1, 2, 2), 0.4, 0.0, 0.4663, 3.0),
+        ((-0.7, 0.1, -1.3), (1, 2, 2), 0.0, 0.02298, math.inf, 3.0),
+    ],
+    ids=["rest", "deeper", "max_speed", "breakaway"],
+)
+def test_a_wheel_that_reaches_a_point_and_comes_back_within_a_step(
+    omega: Any, axis: Any, speed: float, coulomb: float, limit: float, seconds: float, solver: str
+) -> None:
+    fastest = f", max_speed: {limit}" if limit < math.inf else ""
+    text = f"""
+body: {{mass: 1, inertia: {{diagonal: [1, 1.7, 2.1]}}}}
+initial: {{angular_velocity_body: {list(omega)}}}
+wrenches: []
+actuators:
+  - {{type: reaction_wheel, name: wheel, axis: {list(axis)}, inertia: 0.05, speed: {speed},
+     friction: {{coulomb: {coulomb}}}{fastest}}}
+duration: {seconds}
+output_rate: 0
+solver: {solver}
+"""
+    state, ended, events = released_and_caught(omega, axis, speed, coulomb, limit, seconds)
+    assert events == 2
+    sample = rb.simulate(rb.parse_scene(text)).sample
+    accuracy = 1e-6 if "1.0e-6" in solver else 1e-9
+    turned = Rotation.from_quat(sample.orientation_xyzw).inv() * Rotation.from_quat(state[4:])
+    assert turned.magnitude() < accuracy
+    assert sample.wheel_speeds == pytest.approx((ended,), abs=accuracy)
+
+
 def test_friction_brings_a_wheel_to_rest_and_holds_it() -> None:
     """About one axis: J_r W' = -c - v W with the reduced inertia, to rest at a time in closed form; then it stays."""
     text = """

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rb_dynamics.numerics.sign_change import SignChange, narrowed, next_guess
+from rb_dynamics.numerics.sign_change import SignChange, first_positive, narrowed, next_guess
 
 END = 10**9
 
@@ -50,3 +50,32 @@ def test_any_other_function_has_its_change_found(function: Callable[[int], float
     found, guesses = search(function)
     assert found == 777
     assert guesses < 130
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-6, 1e-3, 0.5, 1.5])
+@pytest.mark.parametrize("end", [1, 2, 1000, END])
+def test_the_first_of_several_changes_is_found_between_negative_ends(size: float, end: int) -> None:
+    """A wave of seven periods on a slope, whose last crest is the highest, `size` above zero."""
+    slope, rate = 1e-2, 14.0 * math.pi
+    crest = (13.0 * math.pi + math.asin(slope / rate)) / rate
+    top, asked = slope * crest - math.cos(rate * crest), 0
+
+    def wave(x: int) -> float:
+        nonlocal asked
+        asked += 1
+        u = x / end
+        return slope * u - math.cos(rate * u) - top + size
+
+    found = first_positive(wave, 0, end, wave(0), wave(end), (rate / end) ** 2, 1e-13)
+    assert asked < 150
+    if end < END:
+        assert found == next((x for x in range(1, end) if wave(x) > 0.0), 0)
+    else:
+        assert wave(found) > 0.0 >= wave(found - 1)
+        assert found / end < (crest if size < slope / 7.0 else crest - 2.0 * math.pi / rate)
+
+
+def test_what_cannot_be_told_is_no_answer() -> None:
+    assert first_positive(lambda _: math.nan, 0, END, -1.0, -1.0, 1e-6, 0.0) == -1
+    assert first_positive(lambda _: math.nan, 0, END, -1.0, -1.0, 0.0, 0.0) == 0
+    assert first_positive(lambda x: math.nan if x > 0 else -1.0, 0, END, -1.0, 1.0, 0.0, 0.0) == -1

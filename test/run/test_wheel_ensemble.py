@@ -142,6 +142,35 @@ def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
     together_as_alone(scenes, times, given)
 
 
+@pytest.mark.parametrize("solver", [Solver("auto", accuracy=1e-6), Solver("dop853", step=0.25, accuracy=None)])
+def test_wheels_that_come_back_within_a_step_have_the_bits_of_themselves_alone(
+    monkeypatch: pytest.MonkeyPatch, solver: Solver
+) -> None:
+    """Each body has a wheel that reaches rest, its limit or breakaway, between two ends of a stride, and comes back."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    cases = [
+        ((0.385, -0.98, 0.88), (0.0356, -0.506, 0.594), 0.2305, 0.0145, math.inf),
+        ((1.5, 0.2, 0.8), (1.0, 2.0, 2.0), 0.9, 0.02, math.inf),
+        ((-0.4, -0.4, 2.0), (1.0, 2.0, 2.0), 0.4, 0.0, 0.4663),
+        ((-0.7, 0.1, -1.3), (1.0, 2.0, 2.0), 0.0, 0.02298, math.inf),
+    ]
+    body, scene, switched, scenes = (
+        RigidBody.from_diagonal(1.0, (1.0, 1.7, 2.1)),
+        satellite(1, solver, "torque"),
+        [],
+        [],
+    )
+    for rate, axis, speed, coulomb, limit in cases:
+        wheel = replace(scene.wheels[0], axis=axis, inertia=0.05, coulomb=coulomb, viscous=0.0, speed=speed)
+        wheel = replace(wheel, max_speed=limit, max_torque=math.inf)
+        initial = State(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), rate)
+        scenes.append(replace(scene, body=body, initial=initial, actuators=(wheel,), effects=(), duration=3.2))
+    switch = Simulation._switch
+    monkeypatch.setattr(Simulation, "_switch", lambda s, phase: (switched.append(s), switch(s, phase)))
+    together_as_alone(scenes, [0, 1_100_000_000, 3_200_000_000], [[[math.nan]] * 4] * 3)
+    assert [switched.count(run) for run in dict.fromkeys(switched)] == [2, 2, 2, 2]
+
+
 def test_under_regular_commands_a_period_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stride tried first ends where the next command is expected."""
     taken: list[float] = []
