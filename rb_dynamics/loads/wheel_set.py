@@ -132,12 +132,16 @@ class WheelSet:
         settle(c, 0, n, self._moments, outside, omega)
         self._now = c[:n]
 
-    def excess(self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]) -> float:
-        """Return how far the wheels are beyond where none switches; positive if one does; `torque` as for `settle`."""
-        c, n, spin_up = [*self._now, *states], len(self._now), ZERO
-        if is_held(c, 0):
-            spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega)
-        return max(excess(c, 0, n, k, spin_up, omega) for k in range(len(self.wheels)))
+    def excess(
+        self, torque: Callable[[], Vector], omega: Vector, states: Sequence[float]
+    ) -> tuple[float, Vector | None]:
+        """Return how far the wheels are beyond where none switches, positive if one does, and w' if that needs it.
+
+        `torque` as for `settle`.
+        """
+        c, n, held = [*self._now, *states], len(self._now), is_held(self._now, 0)
+        spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega) if held else None
+        return max(excess(c, 0, n, k, spin_up or ZERO, omega) for k in range(len(self.wheels))), spin_up
 
     def is_far(self, excess: float, omega: Vector, other: Vector) -> bool:
         """Return whether no wheel can switch within a step; see `wheel_numbers.is_far`."""

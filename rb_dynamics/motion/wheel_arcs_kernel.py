@@ -39,7 +39,7 @@ from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
 from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
-from rb_dynamics.numerics.sign_change import first_positive
+from rb_dynamics.numerics.sign_change import first_positive, peak
 from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -185,13 +185,26 @@ def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h
     following = following_step(goal, allowed, error, h)
     if rounding(goal, phase, max(float(w[EXPECTED]), following * NANOSECONDS)) > goal.accuracy:
         return False
-    before = _beyond(c, phase)
+    _, sums, states = layout(c)
+    below, turning, length = (
+        min(_beyond(c, phase), 0.0),
+        (phase.angular_velocity, after.angular_velocity),
+        float(w[EXPECTED]),
+    )
     _write_states(c, r, PHASE)
-    beyond = max(before, _beyond(c, after))
-    far = is_far(c, WHEELS, beyond, phase.angular_velocity, after.angular_velocity)
-    if not far or not _all_finite(c, after, r, PHASE):
-        _write_states(c, c, layout(c)[1])
+    above, gained = _beyond(c, after), ZERO
+    far = is_far(c, WHEELS, max(below, above), turning[0], turning[1])
+    if not far:
+        gained = _spin_up(c, after)
+    finite = _all_finite(c, after, r, PHASE)
+    _write_states(c, c, sums)
+    if above > 0.0 or not finite:
         return False
+    if not far:
+        # As `first_positive` does first.
+        bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, phase), gained))
+        if peak(below, above, 0.125 * (bend / NANOSECONDS**2) * length * length) > noise:
+            return False
     _stand(c, r, 0)
     f[LEARNT], f[LEARNT + 1] = following, farthest
     w[REACHED], w[STRIDES], w[TIME], w[SEARCHED], w[UNLIKE] = w[EXPECTED], 1, until_ns, until_ns, 0

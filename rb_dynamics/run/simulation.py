@@ -186,8 +186,8 @@ class Simulation:
         self._searched_ns, self._switch_ns = -1, cast("int | None", None)
         # Whether a wheel may switch before that end or at it.
         self._unlike = True
-        # The phase at that end, and how far the wheels are beyond there.
-        self._ahead, self._excess_ahead = cast("PhaseState | None", None), 0.0
+        # The phase there, how far the wheels are beyond in it, and w' if it is known.
+        self._ahead = cast("tuple[PhaseState, float, Vector | None] | None", None)
         _require_finite(scene.body, phase, begin_ns)
         self._observer = SampleBuilder(self._effects, phase, self._wheels)
         self._phase = phase
@@ -767,7 +767,7 @@ class Simulation:
         velocity = scale(1.0 / self.scene.body.mass, phase.linear_momentum_world)
         return load.outside(0.0, ZERO, velocity, phase.orientation, phase.angular_velocity, load.states)[2]
 
-    def _beyond(self, wheels: WheelSet, phase: PhaseState) -> float:
+    def _beyond(self, wheels: WheelSet, phase: PhaseState) -> tuple[float, Vector | None]:
         return wheels.excess(lambda: self._torque(phase), phase.angular_velocity, phase.inner)
 
     def _spin_up(self, wheels: WheelSet, phase: PhaseState) -> Vector:
@@ -811,24 +811,32 @@ class Simulation:
         first, last = max(self._searched_ns - 1, self.time_ns), end_ns
         self._searched_ns = end_ns
         start, there = self._arc.state.phase, self._arc.ahead()
-        above = self._beyond(wheels, there)
+        above, late = self._beyond(wheels, there)
         self._unlike = above > 0.0
         if self._unlike:
             last -= 1
             if last <= first:
                 return
             there = self._arc.at(last)
-            above = self._beyond(wheels, there)
-        below = min(self._excess_ahead if start is self._ahead else self._beyond(wheels, start), 0.0)
-        self._ahead, self._excess_ahead = there, above
+            above, late = self._beyond(wheels, there)
+        if self._ahead is None or self._ahead[0] is not start:
+            self._ahead = start, *self._beyond(wheels, start)
+        _, below, early = self._ahead
+        self._ahead, below = (there, above, late), min(below, 0.0)
         turning = start.angular_velocity, there.angular_velocity
         if wheels.is_far(max(below, above), *turning):
             return
-        h = (last - first) / NANOSECONDS
-        gaining = self._spin_up(wheels, start), self._spin_up(wheels, there)
-        bend, noise = wheels.bend_and_noise(start.inner, h, turning, gaining)
+        gaining = early or self._spin_up(wheels, start), late or self._spin_up(wheels, there)
+        self._ahead = there, above, gaining[1]
+        bend, noise = wheels.bend_and_noise(start.inner, (last - first) / NANOSECONDS, turning, gaining)
         found = first_positive(
-            lambda at: self._beyond(wheels, self._arc.at(at)), first, last, below, above, bend / NANOSECONDS**2, noise
+            lambda at: self._beyond(wheels, self._arc.at(at))[0],
+            first,
+            last,
+            below,
+            above,
+            bend / NANOSECONDS**2,
+            noise,
         )
         if found > 0:
             self._switch_ns = first + found
