@@ -4,8 +4,9 @@
 
 The recordings are those of test/support/noisy_recordings.py: gyro noise of 1e-4 to 5e-3 rad/s, even, jittered or random
 stamps, with and without commands. Each is judged with the body that flew, with a smallest moment that is 2, 5 and 20 %
-too large, and with an unrecorded torque in its middle third (of the largest moment, rad/s^2); with the pose and the
-twist, and with either alone. An accused right body is a false alarm. Ctrl-C ends it with the recordings so far.
+too large, with a mass that is 2 % too large, and with an unrecorded torque in its middle third (of the largest moment,
+rad/s^2); with the pose and the twist, and with either alone. An accused right body is a false alarm. "mass known" says
+how often the mass is, and how often its 95 % interval holds the true one. Ctrl-C ends it with the recordings so far.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
@@ -22,25 +24,41 @@ from noisy_recordings import Recording, recording
 
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import EXPLAINS, summarize
+from rb_dynamics.analysis.summary import MASS_EXPLAINS as MASS
 
-WRONG = {"none": (1.0, 0.0), "moment 2 %": (1.02, 0.0), "moment 5 %": (1.05, 0.0), "moment 20 %": (1.2, 0.0)}
-WRONG |= {"torque 0.002": (1.0, 0.002), "torque 0.01": (1.0, 0.01), "torque 0.05": (1.0, 0.05)}
+# Factors of moment and mass, and the torque.
+WRONG = {"none": (1.0, 1.0, 0.0), "mass 2 %": (1.0, 1.02, 0.0)}
+WRONG |= {f"moment {100.0 * part:.0f} %": (1.0 + part, 1.0, 0.0) for part in (0.02, 0.05, 0.2)}
+WRONG |= {f"torque {torque:g}": (1.0, 1.0, torque) for torque in (0.002, 0.01, 0.05)}
 ACCUSED = ("inertia", "torque", "bias")
 SENSORS = {"pose and twist": (), "pose": ("/b/twist",), "twist": ("/b/pose",)}
 
 
-def verdict(made: Recording, moments: float, without: tuple[str, ...]) -> tuple[str, bool]:
-    """Return what is accused, and whether any check fails."""
+class Said(NamedTuple):
+    """What is said of a recording: what is accused, whether the mass is and any check fails, and the error of the mass.
+
+    The last is in standard errors; None where no mass is known.
+    """
+
+    of: str
+    mass: bool
+    failed: bool
+    off: float | None
+
+
+def verdict(made: Recording, moments: float, mass: float, without: tuple[str, ...]) -> Said:
+    """Return what is said."""
     bag = replace(made.bag, topics={name: topic for name, topic in made.bag.topics.items() if name not in without})
-    found = summarize(read_track(bag, made.scene(moments=moments)))
-    check = next((each for each in found.checks if each.name == EXPLAINS), None)
-    if check is None or not check.judged:
-        return "not judged", not found.passed
-    if check.passed:
-        return "passed", not found.passed
+    found = summarize(read_track(bag, made.scene(moments=moments, mass=mass)))
+    check, heavy = (next((each for each in found.checks if each.name == name), None) for name in (EXPLAINS, MASS))
     left = found.residual
-    assert left is not None
-    return ("inertia" if left.explainable else "torque" if left.bias is None else "bias"), not found.passed
+    off = None if left is None or left.mass is None else (left.mass - made.body.mass) / left.mass_error
+    rest = heavy is not None and not heavy.passed, not found.passed, off
+    if left is None or check is None or not check.judged:
+        return Said("not judged", *rest)
+    if check.passed:
+        return Said("passed", *rest)
+    return Said("inertia" if left.explainable else "torque" if left.bias is None else "bias", *rest)
 
 
 def main() -> None:
@@ -51,14 +69,14 @@ def main() -> None:
     parser.add_argument("--wrong", nargs="*", default=list(WRONG), help="some of the errors only")
     parser.add_argument("--sensors", nargs="*", default=list(SENSORS), help="some of them only")
     args = parser.parse_args()
-    columns = ("not judged", *(f"{what} accused" for what in ACCUSED), "any check", "ms")
+    columns = ("not judged", *(f"{what} accused" for what in (*ACCUSED, "mass")), "any check", "mass known", "ms")
     print(f"| sensors | wrong | recordings | {' | '.join(columns)} |")
     print(f"|{'---|' * (3 + len(columns))}")
     for sensors in args.sensors:
         without = SENSORS[sensors]
         for wrong in args.wrong:
-            moments, torque = WRONG[wrong]
-            said: list[tuple[str, bool]] = []
+            moments, mass, torque = WRONG[wrong]
+            said: list[Said] = []
             seeds = []
             begin = time.process_time()
             for seed in range(args.first, args.first + args.count):
@@ -67,17 +85,18 @@ def main() -> None:
                     if sensors != "twist" and not made.facts["with_pose"]:
                         continue
                     seeds.append(seed)
-                    said.append(verdict(made, moments, without))
+                    said.append(verdict(made, moments, mass, without))
                     recording.cache_clear()
                 except KeyboardInterrupt:
                     break
             took = 1e3 * (time.process_time() - begin) / max(1, len(said))
-            counts = [sum(word == of for of, _ in said) for word in ("not judged", *ACCUSED)]
-            failed = sum(any_failed for _, any_failed in said)
-            row = " | ".join(map(str, (sensors, wrong, len(said), *counts, failed, f"{took:.0f}")))
+            counts = [sum(word == each.of for each in said) for word in ("not judged", *ACCUSED)]
+            counts += [sum(each.mass for each in said), sum(each.failed for each in said)]
+            off = [abs(each.off) < 1.96 for each in said if each.off is not None]
+            row = " | ".join(map(str, (sensors, wrong, len(said), *counts, f"{len(off)}, {sum(off)}", f"{took:.0f}")))
             print(f"| {row} |", flush=True)
             if wrong == "none":
-                accused = [s for s, (of, _) in zip(seeds, said, strict=False) if of in ACCUSED]
+                accused = [s for s, each in zip(seeds, said, strict=False) if each.failed]
                 print(f"accused: {accused}", file=sys.stderr, flush=True)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import RecordedWrench, Times
 from rb_dynamics.errors import LogError
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.messages import APPLIED
@@ -114,4 +115,5 @@ def _scheduled(name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene,
         at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in entries], dtype=bool),
         known=np.ones(len(entries), dtype=bool),
         frames=tuple(sorted({wrench.frame_id for _, wrench in entries})),
+        weight=name.rstrip("_0123456789") == f"effects/{UniformGravity.kind}",
     )

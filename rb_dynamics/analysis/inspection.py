@@ -89,8 +89,8 @@ def _plain(value: Any) -> Any:
         kept: tuple[str, ...] = ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis")
         return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, Residual):
-        kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "explained", "explainable", "noise")
-        kept += ("unseen", "bias", "moment_errors", "untold", "fitted_ns")
+        kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "explained")
+        kept += ("explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns")
         return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, WheelSpeeds):
         kept = ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s")

@@ -38,7 +38,7 @@ from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.number_parsing import whole_number
 
-EXPLAINS = "inertia explains the motion"
+EXPLAINS, MASS_EXPLAINS = "inertia explains the motion", "mass explains the motion"
 POINTING = "angle from the target"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.
 _NO_ATTITUDE = 1e-3
@@ -305,8 +305,15 @@ def _body(track: Track, facts: Mapping[str, str]) -> list[str]:
 
 
 def _explained(left: Residual | None) -> list[Check]:
-    if left is None:
-        return []
+    return [] if left is None else [*_by_inertia(left), *_by_mass(left)]
+
+
+def _by_mass(left: Residual) -> list[Check]:
+    told = left.mass_words
+    return [Check(MASS_EXPLAINS, left.mass_explained, f"the forces fit {told} best")] if told else []
+
+
+def _by_inertia(left: Residual) -> list[Check]:
     name = EXPLAINS
     if not left.told:
         return [Check(name, True, f"not judged; {left.untold}", judged=False, share=0.0)]

@@ -91,6 +91,7 @@ class RecordedWrench:
         frames: every `frame_id` met.
         disorder: times that do not ascend in the file; None if all do.
         channel: of the scene, whose commands these are; None for what is applied or of no channel.
+        weight: whether it is the weight by the scene, which goes with the mass that is given.
     """
 
     topic: str
@@ -103,6 +104,7 @@ class RecordedWrench:
     frames: tuple[str, ...]
     disorder: Disorder | None = None
     channel: Channel | None = None
+    weight: bool = False
 
     def accepted(self) -> RecordedWrench:
         """Return the same without rows that are not known: a command that is rejected leaves the one before."""

@@ -8,6 +8,7 @@ it sees smaller changes, in a part of a long recording. Where impulses are not k
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,8 +17,10 @@ import numpy as np
 
 from rb_dynamics.analysis.identification.given_inertia import (
     FittedInertia,
+    FittedMass,
     FittedTorque,
     InertiaScore,
+    fitted_mass,
     score_inertia,
     score_inertia_in_parts,
 )
@@ -39,8 +42,6 @@ _ROUGH = 1e-4
 _STANDS_OUT = 16.0
 # A body turns about one axis if its rate about others is this fraction of the whole, or this multiple of its noise.
 _ONE_AXIS, _NOISE = 1e-3, 2.0
-# A mass is given if its relative standard deviation is less than this.
-_TOLD = 0.1
 # Two inertias are equal if they differ by at most so many standard errors.
 _ALIKE = 3.0
 # Part of the time of a recording that is as good as all of it.
@@ -84,8 +85,9 @@ class Residual:
             it; the given one unless another explains the motion.
         moment_errors: standard errors of its principal moments, ascending, kg m^2; None for the given one.
         scaled: whether a torque determines the scale.
-        mass: the best-fitting mass, kg; None if no force determines it.
-        mass_error: standard deviation of `mass`, from noise and from forces that were not recorded, kg.
+        mass: the mass that fits best, kg; None if no force determines it, or no inertia explains the motion.
+        mass_error: its standard error, kg.
+        mass_explained: whether the given mass explains the motion as well.
         explained: whether the given inertia leaves at most `bound`, or only noise.
         explainable: whether some physical inertia explains the motion.
         noise: standard deviation of the angular momentum relative to the largest; 0 if it is within `bound`.
@@ -113,6 +115,7 @@ class Residual:
     scaled: bool
     mass: float | None
     mass_error: float
+    mass_explained: bool
     explained: bool
     explainable: bool
     noise: float
@@ -131,6 +134,14 @@ class Residual:
     def told(self) -> bool:
         """Whether the recording allows any statement about the inertia."""
         return not self.untold
+
+    @property
+    def mass_words(self) -> str:
+        """The mass with its error, in kg; "" if it is not known."""
+        if self.mass is None:
+            return ""
+        decimals = max(0, 1 - math.floor(math.log10(self.mass_error)))
+        return f"{self.mass:.{decimals}f} ± {self.mass_error:.2g} kg"
 
     @property
     def strongest(self) -> Stretch:
@@ -232,7 +243,9 @@ def residual(track: Track, bound: float) -> Residual | None:
     pieces = None if changes or found is None else found.torque
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     confirmed = changes and (found is None or (_share(found, track) < _WHOLE if found.explained else found.pushed))
-    mass, mass_error = _of_mass(moved.speed, push.sums, stretch, push.steps) if direct else (None, np.inf)
+    turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
+    mass = fitted_mass(track, turned, moving) if explained or other is not None else None
+    mass = mass or FittedMass(None, np.inf, True)
     return Residual(
         **wrench,
         relative=relative,
@@ -240,8 +253,9 @@ def residual(track: Track, bound: float) -> Residual | None:
         inertia=inertia,
         moment_errors=None if other is None else other.errors,
         scaled=found is not None and (found if other is None else other).scaled,
-        mass=mass,
-        mass_error=mass_error,
+        mass=mass.value,
+        mass_error=mass.error,
+        mass_explained=mass.explained,
         explained=explained,
         explainable=explained or other is not None,
         noise=level,
@@ -418,11 +432,6 @@ def _unit(i: int, j: int) -> Array:
 _UNITS = tuple(_unit(i, j) for i, j in PLACES)
 
 
-def _product(one: Array, other: Array) -> float:
-    """Return the sum of all products."""
-    return sum(float(np.sum(a * b)) for a, b in zip(in_blocks(one), in_blocks(other), strict=True))
-
-
 def _triangle(blocks: Iterable[Array], columns: int) -> Array:
     """Return R of the factors Q R of the rows of all blocks, which has their singular values and least squares."""
     result: Array = np.empty((0, columns))
@@ -440,23 +449,6 @@ def _one_axis(omega: Array, stretch: Labels) -> Array | None:
         return None
     axis: Array = axes[0] * np.sign(axes[0][np.abs(axes[0]).argmax()])
     return axis
-
-
-def _of_mass(speed: Array, pushed: Array, stretch: Labels, steps: Array | None = None) -> tuple[float | None, float]:
-    """Return the best-fitting mass, and its standard deviation; None if no force determines it.
-
-    The impulses, which have little noise, are the instruments. A residual that is not noise may be parallel to them as
-    well as perpendicular: another force, or one at another time, could change the mass by that much.
-    """
-    impulse = centred(pushed, stretch)
-    felt, along = _product(impulse, impulse), _product(impulse, speed)
-    if felt == 0.0 or along <= 0.0:
-        return None, np.inf
-    mass = felt / along
-    left = centred(_differences(mass, speed, pushed), stretch)
-    noise = judge(left, stretch, steps)
-    error = (np.sqrt(_product(left, left)) if noise.beyond else noise.level) * np.sqrt(felt) / along
-    return (mass, float(error)) if error <= _TOLD * mass else (None, float(error))
 
 
 def _impulse(impulse: Impulse) -> Array:

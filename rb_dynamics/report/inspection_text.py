@@ -330,11 +330,10 @@ def _bias(left: Residual, does: str) -> str:
 
 
 def _mass(left: Residual) -> str:
-    if left.mass is None:
-        hidden = " The forces do not tell the mass: noise, or what acted beside them, hides it."
-        return hidden if np.isfinite(left.mass_error) else ""
-    digits = f"{left.mass:.9g}" if left.mass_error < 1e-8 * left.mass else f"{left.mass:.4g} ± {left.mass_error:.2g}"
-    return f" The forces fit a mass of {digits} kg best."
+    if told := left.mass_words:
+        return f" The forces fit a mass of {told} best."
+    hidden = " The forces do not tell the mass: noise, or what acted beside them, hides it."
+    return hidden if np.isfinite(left.mass_error) else ""
 
 
 def _strongest(left: Residual, zero_ns: int) -> str:

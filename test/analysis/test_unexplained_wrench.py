@@ -13,7 +13,7 @@ from tumbling import Tumble, bag_of
 
 from rb_dynamics import Setpoint, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.unexplained_wrench import Residual, _of_mass, residual
+from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -98,21 +98,6 @@ def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(fligh
     assert "NO inertia explains the motion" in said
     assert "from t = 0.5 to 0.7 s: (0.2" in said
     assert "principal moments" not in said
-
-
-def test_a_mass_is_not_told_to_the_noise_where_forces_are_missing() -> None:
-    random = np.random.default_rng(0)
-    given = np.repeat(random.normal(size=(10, 3)), 100, axis=0) * 0.02
-    speed = np.cumsum(given, axis=0) / 4.0 + 1e-3 * random.normal(size=given.shape)
-    stretch = np.zeros(len(given), dtype=np.int_)
-    mass, error = _of_mass(speed, np.cumsum(given, axis=0), stretch)
-    assert mass is not None
-    assert error < 0.01
-    assert mass == pytest.approx(4.0, abs=4.0 * error)
-    told = np.where(np.arange(len(given))[:, None] // 100 % 2, given, 0.0)
-    mass, error = _of_mass(speed, np.cumsum(told, axis=0), stretch)
-    assert mass is None
-    assert 0.1 < error < np.inf
 
 
 def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:

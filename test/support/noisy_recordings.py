@@ -113,11 +113,12 @@ def recording(seed: int, uncommanded: float = 0.0) -> Recording:
     return Recording(bag, body, {**facts, "gyro": gyro, "speed": speed, "tracker": tracker})
 
 
-def pushed(seed: int) -> Recording:
+def pushed(seed: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Recording:
     """Return a recording of a body pushed along its x axis for 10 s, with far more noise in attitude than in speed."""
     random, times, body = np.random.default_rng(seed), np.arange(1000) * 10_000_000, _body(np.random.default_rng(seed))
     still, push = np.zeros((1000, 3)), np.array([[0.5 * body.mass, 0.0, 0.0]])
     position, velocity = (np.outer(factor, (1.0, 0.0, 0.0)) for factor in (0.25e-18 * times**2.0, 0.5e-9 * times))
+    position, velocity = position + np.outer(0.5e-18 * times**2.0, gravity), velocity + np.outer(1e-9 * times, gravity)
     center = still - np.array(body.center_of_mass)
     attitude = np.hstack([1.5e-3 * random.standard_normal((1000, 3)), np.ones((1000, 1))])
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)

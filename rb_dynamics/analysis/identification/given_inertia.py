@@ -1,15 +1,17 @@
-"""What the rotation in one recording says about the given inertia, by the model and the fit of `identify`.
+"""What one recording says about the given inertia and mass, by the model and the fit of `identify`.
 
 The start of the motion is fitted with the given inertia and the recorded torques. Each candidate for what may be wrong
 is then added to the model, and one Gauss-Newton step is taken with it, from exact derivatives: the score test (Rao,
 Proc. Cambridge Phil. Soc. 44 (1948) 50), which no other minimum of the fit can mislead. Where residuals stay coloured,
-the covariance is that of coloured noise, doubled. An inertia that counts is fitted to the end.
+the covariance is that of coloured noise, doubled. An inertia that counts is fitted to the end. So is the mass, to the
+translation.
 
 The time of a fit grows with the recording: of a long one, a part is fitted.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -18,7 +20,16 @@ import numpy as np
 import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.estimation import followed, starts_of
-from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, Stream, WrenchSeries, held_rows
+from rb_dynamics.analysis.identification.flights import (
+    ATTITUDE,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Flight,
+    Stream,
+    WrenchSeries,
+    held_rows,
+)
 from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import TOLD
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
@@ -29,7 +40,9 @@ from rb_dynamics.analysis.identification.stacked_rows import sane, stacked
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
+from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.logs.bag_reader import IMUS
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
@@ -55,6 +68,23 @@ _GAIN = 0.01
 # A torque is believed in if it leaves at most this part of what is left beyond noise by any error of a sensor: where
 # only noise is left, and otherwise.
 _LESS, _MUCH_LESS = 0.5, 0.1
+# A mass is known if its relative standard error is less than this.
+_KNOWN = 0.1
+
+
+@dataclass(frozen=True)
+class FittedMass:
+    """The mass that fits best.
+
+    Attributes:
+        value: kg; None if noise, or what acted beside the recorded forces, hides it.
+        error: its standard error, kg.
+        explained: whether the given mass explains the motion as well.
+    """
+
+    value: float | None
+    error: float
+    explained: bool
 
 
 @dataclass(frozen=True)
@@ -178,7 +208,30 @@ def score_inertia(
         return _Judge(body, *part).score(near_ns is not None)
 
 
-def _part(track: Track, moving: TimeSeries, near_ns: int | None) -> tuple[Flight, int] | None:
+def fitted_mass(track: Track, body: RigidBody, moving: TimeSeries) -> FittedMass | None:
+    """Return the mass that the forces and the translation of `track` tell; None without forces.
+
+    Args:
+        track: with a pose.
+        body: the body, with an inertia that explains how it turned.
+        moving: as in `score_inertia`.
+    """
+    forces = [each for each in track.acting if not each.weight and len(each.time_ns)]
+    sizes = [np.linalg.norm(each.force, axis=1) for each in forces]
+    if not any(size.any() for size in sizes):
+        return None
+    strongest = max(zip(forces, sizes, strict=True), key=lambda each: each[1].max())
+    part = _part(track, moving, int(strongest[0].time_ns[strongest[1].argmax()]), translation=True)
+    if part is None:
+        return None
+    weights = [each.force[0] / body.mass for each in track.acting if each.weight]
+    with counted_by(Tally()):
+        return _Judge(body, *part, tuple(UniformGravity(tuple(each.tolist())) for each in weights)).mass()
+
+
+def _part(
+    track: Track, moving: TimeSeries, near_ns: int | None, translation: bool = False
+) -> tuple[Flight, int] | None:
     """Return what is fitted, with times from its begin, and that; None for too few samples."""
     stretches = _known(track)
     begin, end = next(
@@ -192,14 +245,15 @@ def _part(track: Track, moving: TimeSeries, near_ns: int | None) -> tuple[Flight
         middle = (begin + end) // 2 if near_ns is None else near_ns
         begin = min(max(begin, middle - half), end - 2 * half)
         end = begin + 2 * half
-    streams = [_thinned(stream, begin, end) for stream in _streams(track)]
+    every = [*_streams(track), *(_translation(track) if translation else [])]
+    streams = [_thinned(stream, begin, end) for stream in every]
     if not streams or min(len(stream.time_ns) for stream in streams) < _FEWEST:
         return None
     first = min(int(stream.time_ns[0]) for stream in streams)
     channels = tuple(
         WrenchSeries(each.topic, each.time_ns[each.known] - first, held_rows(each)[each.known])
         for each in track.acting
-        if each.known.any()
+        if each.known.any() and not each.weight
     )
     moved = tuple(replace(stream, time_ns=stream.time_ns - first) for stream in streams)
     return Flight(str(track.bag.path), moved, channels).without_repeats(), first
@@ -228,6 +282,18 @@ def _streams(track: Track) -> list[Stream]:
             Stream(track.twist.topic, RATES, track.twist.time_ns, rates, track.twist_in_world and not gyro, gyro=gyro)
         )
     return found
+
+
+def _translation(track: Track) -> list[Stream]:
+    """Return what measures the translation."""
+    found = []
+    if track.pose is not None:
+        found.append(Stream(track.pose.topic, POSITION, track.pose.time_ns, track.pose.values[:, :3]))
+    if track.twist is not None and not track.twist.partial:
+        velocity = track.twist.values[:, :3]
+        found.append(Stream(track.twist.topic, VELOCITY, track.twist.time_ns, velocity, track.twist_in_world))
+    # Where another program left a field empty, it is not measured.
+    return [stream for stream in found if any(rows.any() for rows in in_blocks(stream.values))]
 
 
 def _thinned(stream: Stream, begin: int, end: int) -> Stream:
@@ -263,8 +329,9 @@ class _Tried(NamedTuple):
 class _Judge:
     """A fit of the start alone, and what is tried beside it."""
 
-    def __init__(self, body: RigidBody, flight: Flight, begin_ns: int) -> None:
-        self.scene, self.flight, self.begin_ns = Scene(body, WrenchFrames(), State()), flight, begin_ns
+    def __init__(self, body: RigidBody, flight: Flight, begin_ns: int, effects: tuple[Effect, ...] = ()) -> None:
+        self.scene = Scene(body, WrenchFrames(), State(), effects=effects)
+        self.flight, self.begin_ns = flight, begin_ns
         gyro = any(stream.gyro for stream in flight.streams)
         self.base = ("initial", "gyro_bias") if gyro else ("initial",)
         self.model = Model(self.scene, [flight], self.base)
@@ -282,6 +349,20 @@ class _Judge:
             # With an inertia in other units, no motion follows the recording.
             return replace(found, inertia=self._inertia())
         return self._beside(z, found, doubtful)
+
+    def mass(self) -> FittedMass | None:
+        """Return the mass that fits best; None if no motion follows the recording."""
+        # A delay may look like another mass.
+        model = Model(self.scene, [self.flight], (*self.base, "mass", "delay"))
+        found = self._fitted(model, starts_of(model, self.noise), ("mass",))
+        if found is None:
+            return None
+        at, tried = found
+        change, deviation = float(at[model.layout["mass"].at][0]), float(np.sqrt(tried.covariance[0, 0]))
+        mass = model.body(at).mass
+        known = deviation <= _KNOWN and self._near_noise(list(model.predict(at, derivatives=False)))
+        explained = not known or math.erfc(abs(change) / deviation / math.sqrt(2.0)) > _CHANCE
+        return FittedMass(mass if known else None, mass * deviation, explained)
 
     def _beside(self, z: Array, found: InertiaScore, doubtful: bool) -> InertiaScore:
         """Return what is found beside a start."""
