@@ -140,7 +140,13 @@ def print_flips(count: int, first: int) -> None:
     """Print the table of spins near the middle axis."""
     columns = ("acting", "flights", "in joined segments", "a disturbance said", "nothing known", "not explained")
     print(f"| {' | '.join(columns)} | coverage of 95 % | worst number |\n|{'---|' * (len(columns) + 2)}")
-    done = {seed: flips(seed) for seed in range(first, first + count)}
+    done = {}
+    for seed in range(first, first + count):
+        try:
+            done[seed] = flips(seed)
+        except KeyboardInterrupt:
+            break
+        print(f"seed {seed}: {max(done[seed][1], default=0.0):.1f} standard errors off", file=sys.stderr, flush=True)
     for kind, acts in (("nothing", 0), ("gusts", 1)):
         some = [each for seed, each in done.items() if seed % 2 == acts]
         off = np.concatenate([np.zeros(0), *(each for _, each in some)])
@@ -199,7 +205,7 @@ def main() -> None:
             break
         done += 1
         unknown, restless = unknown + missing, restless + (not found.converged)
-        coloured += not all(each.white for each in found.residuals)
+        coloured += any(each.coloured for each in found.residuals)
         unexplained += not found.explained
         lacking_something += any(each.chance <= CHANCE for each in found.omissions)
         if max((abs(off) for group in errors.values() for off, _ in group), default=0.0) > WRONG:

@@ -70,9 +70,8 @@ def _tiles(found: Identification) -> list[Tile]:
     ):
         tiles.append(_tile(f"Principal moment {number + 1}", moment, error if math.isfinite(error) else None, "kg m²"))
     for each in found.residuals:
-        judged = "good" if each.white and each.explained else "bad"
-        white = "white" if each.white else f"not white: neighbours correlate by {each.correlation:.2f}"
-        white += "" if each.explained else f"; {each.times_noise:.3g} times the noise"
+        judged = "good" if each.only_noise else "bad"
+        white = each.whiteness + ("" if each.explained else f"; {each.times_noise:.3g} times the noise")
         note = f"{each.unit}; {white}"
         tiles.append(Tile(f"Residual of {each.topic} {each.kind}, rms", f"{each.rms:.3g}", note, judged))
     return tiles
@@ -107,7 +106,7 @@ def _residuals(found: Identification) -> Table:
     rows = []
     for each in (*found.residuals, *found.validation):
         held = "" if each in found.residuals else " (held out)"
-        white = "yes" if each.white else f"no, {each.correlation:.2f}"
+        white = each.whiteness if each.white is None else "yes" if each.white else f"no, {each.correlation:.2f}"
         row = [str(each.count), f"{each.rms:.4g}", each.unit, f"{each.times_noise:.3g}", white]
         rows.append([f"{each.topic} {each.kind}{held}", *row])
     return Table(["", "samples", "rms", "unit", "times noise", "white"], rows)

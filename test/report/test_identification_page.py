@@ -9,6 +9,7 @@ import pytest
 from identified_flights import flown, guess
 
 from rb_dynamics import Identification, RigidBody, identify
+from rb_dynamics.cli.commands.identify import as_text
 from rb_dynamics.report.html import Section, render_html
 from rb_dynamics.report.identification_page import identification_report
 
@@ -55,3 +56,20 @@ def test_page_of_a_cube_says_what_is_not_told() -> None:
     # Notes of the reader are sentences with a full stop, those of the fit have none.
     noted = sections(replace(found, notes=("The bag has a gap.", "z: left out")))
     assert noted["What these recordings do not determine"].text.endswith("The bag has a gap.\n\nz: left out.")
+
+
+def test_residuals_below_the_accuracy_of_a_recording_are_not_said_to_be_white() -> None:
+    pytest.importorskip("matplotlib")
+    found = identify(
+        guess(BODY), [flown(BODY, np.random.default_rng(1), seconds=1.0, torque=3.0, gyro=0.0)], ["inertia"]
+    )
+    page = sections(found)
+    table = page["Residuals by sensor"].table
+
+    assert table is not None
+    assert [row[-1] for row in table.rows] == ["too small to judge"]
+    assert "; too small to judge" in next(t.note for t in page["At a glance"].tiles if "Residual" in t.label)
+    assert "too small to judge" in as_text(found, advise=False)
+    assert found.as_dict()["residuals"]["imu"]["parts"]["rates"]["white"] is None
+    # What is not judged is no colour, which would double the intervals.
+    assert not any("white" in note for note in found.notes)

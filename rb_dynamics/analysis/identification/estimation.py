@@ -134,7 +134,7 @@ def _from_one_start(model: Model, shot: Fit, noise: dict[Key, float], loss: str)
 
 
 def _only_noise(model: Model, fit: Fit) -> bool:
-    return fit.converged and all(each.white and each.explained for each in residuals_of(model, fit, fit_bands(fit)))
+    return fit.converged and all(each.only_noise for each in residuals_of(model, fit, fit_bands(fit)))
 
 
 def starts_of(model: Model, noise: dict[Key, float]) -> list[Array]:

@@ -346,7 +346,7 @@ def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int
     if _missed(found.residuals, report.residuals):
         return 0.0
     chance = chance_of_one_body(report.estimate, found.estimate)
-    if chance > _CHANCE_OF_ONE_BODY or not all(each.white for each in report.residuals):
+    if chance > _CHANCE_OF_ONE_BODY or any(each.coloured for each in report.residuals):
         return chance
     # So far from a fit its errors may not be linear: what does the other body leave of its own recordings?
     rest = predicting(other, found.z, found.identification().scene, report.model.flights)
@@ -373,7 +373,7 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple
     That is joined segments if these leave only noise, and the whole is not explained or contradicts them.
     """
     result, report = _with_omissions(model, fit._replace(joined=None), names, loss)
-    if fit.joined is None or (result.converged and all(each.white and each.explained for each in result.residuals)):
+    if fit.joined is None or (result.converged and all(each.only_noise for each in result.residuals)):
         return result, report
     of_segments = _Report(model, fit.joined._replace(starts=fit.starts, agreeing=fit.agreeing), names)
     found = of_segments.identification()
@@ -414,7 +414,7 @@ def _with_omissions(model: Model, fit: Fit, names: Sequence[str], loss: str) -> 
         wide = _Report(best[1], best[2], names, doubtful=True)
         whole = wide.identification()
         tried = trials(wide.model, wide.fit, [trial for trial, _ in found])
-        if all(each.white and each.explained for each in whole.residuals):
+        if all(each.only_noise for each in whole.residuals):
             sure = [wide.settled(trial).omission(shift, True) for trial, shift in found]
             others = [trial.omission(wide.shift(trial.step)) for trial in tried]
             return replace(whole, omissions=(*sure, *others), notes=(*_of_omissions(sure), *whole.notes)), wide
@@ -526,7 +526,7 @@ class _Report:
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
         bands = fit_bands(fit, self.local)
         self.residuals = residuals_of(model, fit, bands)
-        if not all(each.white for each in self.residuals):
+        if any(each.coloured for each in self.residuals):
             self.covariance, freedom = widened(root_of(self.covariance), bands)
         elif doubtful or fit.disturbance is not None:
             self.covariance *= DOUBT**2
@@ -632,7 +632,7 @@ class _Report:
             notes=(
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
-                *_coloured([each for each in self.residuals if each.explained and not each.white], self.model.fit),
+                *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),
         )

@@ -190,7 +190,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         if chance <= CHANCE:
             after = _after(model, fit, candidate, step)
             bands = fit_bands(after)
-            if not all(each.white for each in residuals_of(model, after, bands)):
+            if any(each.coloured for each in residuals_of(model, after, bands)):
                 covariance, freedom = widened(root_of(covariance), bands)
                 of_load = covariance[len(old) :, len(old) :]
                 if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:

@@ -63,7 +63,8 @@ class Residuals:
         count: samples.
         rms: of one component.
         noise: of one component, as the fit estimates it.
-        white: whether they are independent, as noise is.
+        white: whether they are independent, as noise is; None where they are below the accuracy that a recording is
+            believed to have: too small to judge.
         correlation: of neighbouring samples.
         times_noise: `rms` over the noise that the quickest changes show, which no model explains.
         unexplained: `rms` over that of the motion.
@@ -75,7 +76,7 @@ class Residuals:
     count: int
     rms: float
     noise: float
-    white: bool
+    white: bool | None
     correlation: float
     times_noise: float
     unexplained: float
@@ -84,6 +85,23 @@ class Residuals:
     def explained(self) -> bool:
         """Whether the model explains them up to noise."""
         return self.times_noise <= EXPLAINED
+
+    @property
+    def coloured(self) -> bool:
+        """Whether they are judged, and not white."""
+        return self.white is False
+
+    @property
+    def only_noise(self) -> bool:
+        """Whether they are explained and show no colour."""
+        return self.explained and not self.coloured
+
+    @property
+    def whiteness(self) -> str:
+        """The same in words."""
+        if self.white is None:
+            return "too small to judge"
+        return "white" if self.white else f"not white: neighbours correlate by {self.correlation:.2f}"
 
     @property
     def follows(self) -> bool:
@@ -109,10 +127,9 @@ def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> lis
         mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key == key]
         parts = [each.left for each, _ in mine]
         every = np.vstack(parts)
-        white, correlation = whiteness(parts, [of for _, of in mine])
+        judged, correlation = whiteness(parts, [of for _, of in mine])
         rms = _rms(every)
-        # Nothing is judged below the accuracy that a recording is believed to have.
-        white = white or rms <= floor_of(model, key)
+        white = judged if rms > floor_of(model, key) else None
         told = [noise for each, _ in mine if np.isfinite(noise := noise_of(model, each))]
         beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
         motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))

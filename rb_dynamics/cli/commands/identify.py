@@ -133,7 +133,7 @@ def as_text(found: Identification, advise: bool) -> str:
     lines += ["", f"{'residuals':34}{'samples':>8}{'rms':>13}{'times noise':>13}"]
     for each_left in (*found.residuals, *found.validation):
         held = "" if each_left in found.residuals else " (held out)"
-        white = "" if each_left.white else f"   not white: neighbours correlate by {each_left.correlation:.2f}"
+        white = "" if each_left.white else f"   {each_left.whiteness}"
         name = f"{each_left.topic} {each_left.kind}{held}"
         lines.append(
             f"{name:34}{each_left.count:>8}{each_left.rms:>13.4g}{each_left.times_noise:>13.3g} {each_left.unit}{white}"
