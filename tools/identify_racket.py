@@ -1,33 +1,41 @@
 """Identify a racket thrown in the air with a phone on it, and print the table of docs/identify.md.
 
-    python tools/identify_racket.py FOLDER [LAG]
+    python tools/identify_racket.py FOLDER [--lag S] [--linear] [--trim FIRST LAST]
 
 FOLDER is "data/round4" of the recordings of https://github.com/fbubbar/sci1-t2 (gyro of a phone at 100 Hz, one file of
 several throws per folder, and the times of each throw), which have no licence and are not part of this package.
-With LAG (s) the gyro is taken to be filtered by a first-order lag.
+With --lag the gyro is taken to be filtered by a first-order lag, with --linear there is no quadratic drag, and with
+--trim samples at both ends of each throw are left out.
+
+What the ratios of one throw can tell follows from flights that are simulated: each is the fitted motion of a throw, with
+other noise, and is fitted by the same call. One series has white noise of the phone, the other the residuals of the
+throw with the phases of their spectrum drawn anew: noise of their size and colour.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
-import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rb_dynamics import identify, parse_scene
+from rb_dynamics import Identification, identify, parse_scene
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 
 # A racket of 0.457 kg: a rod with a head, along y; what drag there is will be found.
 SCENE = """
 body: {mass: 0.457, inertia: {diagonal: [0.019, 0.0015, 0.020]}}
-effects: [{type: linear_drag, rotation: [0, 0, 0]}]
+effects: [{type: linear_drag, rotation: [0, 0, 0]}, {type: quadratic_drag, rotation: [0, 0, 0]}]
 """
 GOOD = 0.25
 
 
-def throws(folder: Path, lag: float) -> list[Flight]:
-    """Return the throws that the authors kept, with a lag (s) of the gyro undone."""
+def throws(folder: Path, lag: float, trim: Sequence[int]) -> list[Flight]:
+    """Return the throws that the authors kept, with a lag (s) of the gyro undone, and without samples at the ends."""
     found = []
     for path in sorted(folder.glob("*/Raw Data.csv")):
         rows = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -37,42 +45,88 @@ def throws(folder: Path, lag: float) -> list[Flight]:
             if segment["keep"] == "false":
                 continue
             within = (rows[:, 0] >= float(segment["start"])) & (rows[:, 0] <= float(segment["end"]))
-            times = np.rint(rows[within, 0] * 1e9).astype(np.int64)
-            rates = rows[within, 1:4] + lag * np.gradient(rows[within, 1:4], rows[within, 0], axis=0)
+            kept = slice(trim[0], int(within.sum()) - trim[1])
+            times = np.rint(rows[within, 0] * 1e9).astype(np.int64)[kept]
+            rates = (rows[within, 1:4] + lag * np.gradient(rows[within, 1:4], rows[within, 0], axis=0))[kept]
             stream = Stream("gyro", RATES, times - times[0], rates, gyro=True)
             found.append(Flight(f"{path.parent.name[-8:]} {segment['segment']}", (stream,)))
     return found
 
 
+def fitted(flight: Flight, linear: bool, starts: int) -> tuple[Identification, Any, float]:
+    """Return the fit of a throw, moments over the largest, and the relative standard error of the smallest.
+
+    The error is NaN where the ratios are not known.
+    """
+    names = ["inertia_ratios", "effects[0].rotation", *([] if linear else ["effects[1].rotation"])]
+    found = identify(parse_scene(SCENE), [flight], names, starts=starts)
+    moments = np.linalg.eigvalsh(np.array(found.body.inertia))
+    # The racket is along y: its smallest moment is about that axis.
+    (least,) = (each for each in found.parameters if each.name == "inertia_ratios.yy")
+    return found, moments / moments[-1], np.nan if least.standard_error is None else least.standard_error / least.value
+
+
+def coloured(random: Any, left: Any) -> Any:
+    """Return noise with the spectrum of `left` (n, 3)."""
+    spectrum = np.abs(np.fft.rfft(left, axis=0))
+    return np.fft.irfft(spectrum * np.exp(2j * np.pi * random.random(spectrum.shape)), len(left), axis=0)
+
+
+def simulated(flight: Flight, found: Identification, noise: Any) -> Flight:
+    """Return the fitted motion of a throw with this noise."""
+    (stream,), left = flight.streams, found.predicted[0].left
+    return replace(flight, streams=(replace(stream, values=stream.values + left + noise),))
+
+
 def main() -> None:
     """Print the table."""
-    ratios, errors, left_over, good = [], [], [], 0
-    print("| throw | s | rad/s at most | rms, rad/s | moments over the largest | starts that agree |")
-    print("|---|---|---|---|---|---|")
-    flights = throws(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 0.0)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--lag", type=float, default=0.0, help="s")
+    parser.add_argument("--linear", action="store_true", help="linear drag alone")
+    parser.add_argument("--trim", type=int, nargs=2, default=(0, 0), help="samples left out at both ends")
+    args = parser.parse_args()
+    random, good, left_over = np.random.default_rng(0), 0, []
+    ratios: dict[str, list[Any]] = {"as recorded": [], "white": [], "coloured": []}
+    errors: dict[str, list[float]] = {name: [] for name in ratios}
+    print("| throw | s | rad/s at most | rms, rad/s | times noise | moments over the largest | starts that agree |")
+    print("|---|---|---|---|---|---|---|")
+    flights = throws(args.folder, args.lag, args.trim)
     for flight in flights:
-        found = identify(parse_scene(SCENE), [flight], ["inertia_ratios", "effects[0].rotation"], starts=8)
-        (left,) = found.residuals
-        moments = np.linalg.eigvalsh(np.array(found.body.inertia))
-        stream = flight.streams[0]
+        found, shares, error = fitted(flight, args.linear, 8)
+        (stream,), (left,) = flight.streams, found.residuals
         seconds, fastest = stream.time_ns[-1] * 1e-9, np.linalg.norm(stream.values, axis=1).max()
-        shares = moments / moments[-1]
-        known = all(each.known for each in found.parameters if each.name.startswith("inertia_ratios"))
         good += left.rms < GOOD
-        left_over.append(left.rms)
-        if left.rms < GOOD and known:
-            ratios.append(shares)
-            # The racket is along y: its smallest moment is about that axis.
-            (least,) = (each for each in found.parameters if each.name == "inertia_ratios.yy")
-            errors.append(least.standard_error / least.value)
-        shown = ", ".join(f"{share:.4f}" for share in shares) if known else "not told"
-        name, agree = flight.name, f"{found.agreeing} of {found.starts}"
-        print(f"| {name} | {seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {shown} | {agree} |", flush=True)
-    spread = np.std(ratios, axis=0) / np.mean(ratios, axis=0)
-    print(f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s; the ratios of {len(ratios)} spread")
-    print("by " + ", ".join(f"{100 * part:.1f} %" for part in spread[:2]))
-    print(f"the median standard error of the smallest is {100 * np.median(errors):.1f} %, of the residuals", end=" ")
-    print(f"{np.median(left_over):.4f} rad/s")
+        left_over.append((left.rms, left.rms / left.times_noise))
+        shown, row = "not known", found.predicted[0].left
+        if np.isfinite(error) and left.rms < GOOD:
+            shown = ", ".join(f"{share:.4f}" for share in shares)
+            ratios["as recorded"].append(shares)
+            errors["as recorded"].append(error)
+            white = left_over[-1][1] * random.standard_normal(row.shape)
+            for name, noise in (("white", white), ("coloured", coloured(random, row))):
+                _, others, error = fitted(simulated(flight, found, noise), args.linear, 1)
+                if np.isfinite(error):
+                    # Over the truth of this flight, so that all have one.
+                    ratios[name].append(others / shares)
+                    errors[name].append(error)
+        agree = f"{found.agreeing} of {found.starts}"
+        numbers = f"{seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {left.times_noise:.1f}"
+        print(f"| {flight.name} | {numbers} | {shown} | {agree} |", flush=True)
+    rms, noise = np.median(left_over, axis=0)
+    print(
+        f"\n{good} of {len(flights)} throws are fitted to less than {GOOD} rad/s, in the median to {rms:.4f}, where the"
+    )
+    print(f"noise of the phone is {noise:.4f}\n")
+    print(
+        "| noise | throws | spread of the smallest ratio, of the middle one | standard error of the smallest, median |"
+    )
+    print("|---|---|---|---|")
+    for name, some in ratios.items():
+        spread = 100 * np.std(some, axis=0) / np.mean(some, axis=0)
+        print(
+            f"| {name} | {len(some)} | {spread[0]:.2f} %, {spread[1]:.2f} % | {100 * np.median(errors[name]):.2f} % |"
+        )
 
 
 if __name__ == "__main__":
