@@ -7,14 +7,15 @@ several throws per folder, and the times of each throw), which have no licence a
 With --lag the gyro is taken to be filtered by a first-order lag, with --linear there is no quadratic drag, and with
 --trim samples at both ends of each throw are left out.
 
-What the ratios of one throw can tell follows from flights that are simulated: each is the fitted motion of a throw, with
-other noise, and is fitted by the same call. One series has white noise of the phone, the other the residuals of the
-throw with the phases of their spectrum drawn anew: noise of their size and colour.
+What the ratios of one throw can tell follows from simulated flights: each is the fitted motion of a throw, with other
+noise, fitted by the same call. One series has white noise of the phone, the other noise with the spectrum of what is
+left of the throw, of the size of which the fit leaves as much as of the throw.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics import Identification, identify, parse_scene
+from rb_dynamics import Identification, LogError, identify, parse_scene
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 
 # A racket of 0.457 kg: a rod with a head, along y; what drag there is will be found.
@@ -103,13 +104,17 @@ def main() -> None:
             shown = ", ".join(f"{share:.4f}" for share in shares)
             ratios["as recorded"].append(shares)
             errors["as recorded"].append(error)
-            white = left_over[-1][1] * random.standard_normal(row.shape)
-            for name, noise in (("white", white), ("coloured", coloured(random, row))):
-                _, others, error = fitted(simulated(flight, found, noise), args.linear, 1)
-                if np.isfinite(error):
-                    # Over the truth of this flight, so that all have one.
-                    ratios[name].append(others / shares)
-                    errors[name].append(error)
+            noises = {"white": left_over[-1][1] * random.standard_normal(row.shape), "coloured": coloured(random, row)}
+            trial, *_ = fitted(simulated(flight, found, noises["coloured"]), args.linear, 1)
+            noises["coloured"] *= left.rms / trial.residuals[0].rms
+            for name, noise in noises.items():
+                # A fit that loses the motion knows nothing.
+                with contextlib.suppress(LogError):
+                    _, others, error = fitted(simulated(flight, found, noise), args.linear, 4)
+                    if np.isfinite(error):
+                        # Over the truth of this flight, so that all have one.
+                        ratios[name].append(others / shares)
+                        errors[name].append(error)
         agree = f"{found.agreeing} of {found.starts}"
         numbers = f"{seconds:.2f} | {fastest:.1f} | {left.rms:.3f} | {left.times_noise:.1f}"
         print(f"| {flight.name} | {numbers} | {shown} | {agree} |", flush=True)

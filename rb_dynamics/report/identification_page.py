@@ -136,7 +136,7 @@ def _motions(found: Identification) -> list[Section]:
 
 def _overlay(each: Predicted) -> Panel:
     seconds = _seconds(each)
-    topic, kind = each.key
+    topic, kind, _ = each.key
     if kind == ATTITUDE:
         measured = plots.continuous(each.measured)
         fitted = rotations.products(measured, rotations.quaternions(each.left))
@@ -157,7 +157,7 @@ def _seconds(each: Predicted) -> Array:
 
 
 def _left(each: Predicted) -> Panel:
-    topic, kind = each.key
+    topic, kind, _ = each.key
     return Panel(f"{topic}: residual of {kind} [{UNITS[kind]}]", components(_seconds(each), each.left))
 
 

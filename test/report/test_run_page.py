@@ -145,7 +145,7 @@ def test_report_says_if_the_scene_explains_a_foreign_bag(example_dir: Path, scen
     write_run_report(example_dir / "slew.mcap", tmp_path / "run.html", scene=read_scene(scene_dir / "slew.yaml"))
     text = words(page_of(tmp_path / "run.html"))
     assert "The inertia given explains the motion" in text
-    assert "The forces fit a mass of 16.8 kg best." in text
+    assert "The forces fit a mass of 16.800000 ± 2e-05 kg best." in text
     assert "Residual torque about the centre of mass" in text
 
 

@@ -47,6 +47,8 @@ _ROUNDING = 1e-11
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
 _SMALLEST_TURN = 2e-3
+# Degrees of freedom from which on a sensor has a noise of its own in each flight.
+_ALONE = 30.0
 
 
 @dataclass
@@ -99,8 +101,8 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
                 whole = _least_squares(model, whole.x, noise, loss, None)
         bar.step()
         found.append((longest, whole))
-        # A fit that leaves only noise is the minimum: no other start can improve it.
-        if _explained(model, whole.x, noise):
+        # A fit that has come to rest and leaves only noise is the minimum: no other start can improve it.
+        if whole.status > 0 and _explained(model, whole.x, noise):
             break
     costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
@@ -341,19 +343,23 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 
 
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
-    """Return the noise of each sensor that the residuals show, with the degrees of freedom that the fit took."""
+    """Return the noise of each sensor in each flight that the residuals show, over the freedom that the fit left."""
     told = [information(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] ** 2 for each in predicted]
     covariance = np.linalg.inv(sum(told) + np.eye(len(told[0])) / _FAR**2)
-    taken: dict[Key, list[float]] = {}
-    for each, mine in zip(predicted, told, strict=True):
-        total = taken.setdefault(each.key, [0.0, 0.0, 0.0])
-        total[0] += float(np.sum(each.left**2))
-        total[1] += each.left.size - float(np.sum(mine * covariance))
-        total[2] = max(total[2], 1.4826 * float(np.median(np.abs(each.left))))
+    taken = {
+        each.key: (float(np.sum(each.left**2)), each.left.size - float(np.sum(mine * covariance)))
+        for each, mine in zip(predicted, told, strict=True)
+    }
     found = {}
-    for key, (squares, freedom, typical) in taken.items():
+    for each in predicted:
+        squares, freedom = taken[each.key]
+        if freedom < _ALONE:
+            # Numbers that few samples leave by chance would take the whole weight: all flights of the sensor count.
+            alike = [taken[other] for other in taken if other[:2] == each.key[:2]]
+            squares, freedom = (sum(numbers) for numbers in zip(*alike, strict=True))
+        typical = 1.4826 * float(np.median(np.abs(each.left)))
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
-        found[key] = max(float(level), floor_of(model, key))
+        found[each.key] = max(float(level), floor_of(model, each.key))
     return found
 
 

@@ -115,7 +115,8 @@ def _turning(flight: Flight, fastest: float) -> tuple[Times, Array] | None:
     if found is None or len(found[0]) < 2:
         return None
     times, rates = found
-    size = max(1, int(_SMOOTH / (fastest * usual_interval(times) / NANOSECONDS)))
+    # A short recording may have fewer samples than are smoothed.
+    size = min(len(times) // 2, max(1, int(_SMOOTH / (fastest * usual_interval(times) / NANOSECONDS))))
     count = len(times) // size
     first = int(times[0])
     means = (times[: count * size] - first).reshape(count, size).mean(axis=1)

@@ -335,13 +335,14 @@ class _Judge:
         gyro = any(stream.gyro for stream in flight.streams)
         self.base = ("initial", "gyro_bias") if gyro else ("initial",)
         self.model = Model(self.scene, [flight], self.base)
-        self.floor = {(s.topic, s.kind): _LESS_EXACT * floor_of(self.model, (s.topic, s.kind)) for s in flight.streams}
-        self.noise = {key: max(level, self.floor[key]) for key, level in noise_shown(self.model).items()}
+        shown = noise_shown(self.model)
+        self.floor = {key: _LESS_EXACT * floor_of(self.model, key) for key in shown}
+        self.noise = {key: max(level, self.floor[key]) for key, level in shown.items()}
 
     def score(self, doubtful: bool) -> InertiaScore:
         """Return what is found."""
         first, last = self.flight.span_ns
-        attitude = (level for (_, kind), level in self.noise.items() if kind == ATTITUDE)
+        attitude = (level for (_, kind, _), level in self.noise.items() if kind == ATTITUDE)
         noise, hidden = float(np.sqrt(3.0)) * next(attitude, 0.0), (np.inf, np.inf, np.inf)
         found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
         z = self._start()

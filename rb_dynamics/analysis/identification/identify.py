@@ -561,18 +561,22 @@ class _Report:
         normal = slopes.T @ slopes + np.eye(len(others.T))
         here = self._misfit(self.z)[0]
         for start in (-step, step):
-            away = start
+            away, expected = start, 4.0
             for _ in range(_CORRECTIONS):
-                if (z := self._moved(away)) is None:
-                    break
+                z = self._moved(away)
+                if z is None:
+                    # No body has these: nearer to the solution, near a flat body, some has.
+                    away, expected = 0.5 * away, 0.25 * expected
+                    continue
                 misfit, left = self._misfit(z)
-                if 4.0 / _LINEAR < misfit - here < 4.0 * _LINEAR:
+                if expected / _LINEAR < misfit - here < expected * _LINEAR:
                     break
                 if left is None or misfit < here:
                     return True
                 away = away - others @ np.linalg.solve(normal, slopes.T @ left)
             else:
-                return True
+                if z is not None:
+                    return True
         return False
 
     def _misfit(self, z: Array) -> tuple[float, Array | None]:

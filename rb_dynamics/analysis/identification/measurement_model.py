@@ -70,20 +70,23 @@ class Predicted(NamedTuple):
     """What a stream should have measured, compared with what it did measure.
 
     Attributes:
-        key: topic and kind.
-        flight: number of the flight.
+        key: topic, kind, and number of the flight: noise is that of a sensor in a flight.
         left: (n, 3), predicted less measured; of an attitude the turn between the two.
         by: (n, 3, p), derivatives of `left`; (n, 3, 0) where they were not asked for.
         time_ns: (n,), of the samples.
         measured: (n, 3), of an attitude (n, 4).
     """
 
-    key: tuple[str, str]
-    flight: int
+    key: tuple[str, str, int]
     left: Array
     by: Array
     time_ns: Times
     measured: Array
+
+    @property
+    def flight(self) -> int:
+        """The number of the flight."""
+        return self.key[2]
 
     def without_derivatives(self) -> Predicted:
         """Return the same without `by`."""
@@ -158,9 +161,9 @@ class Model:
         for _, blocks in itertools.groupby(self.blocks(z, end_ns, derivatives), lambda block: block[0].flight):
             for parts in zip(*blocks, strict=True):
                 left, by, time_ns, measured = (
-                    parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(2, 6)
+                    parts[0][k] if len(parts) == 1 else np.concatenate([part[k] for part in parts]) for k in range(1, 5)
                 )
-                yield Predicted(parts[0].key, parts[0].flight, left, by, time_ns, measured)
+                yield Predicted(parts[0].key, left, by, time_ns, measured)
 
     def blocks(
         self, z: Array, end_ns: Sequence[int] | None = None, derivatives: bool = True
@@ -505,7 +508,7 @@ class Model:
         at = _span(rows[of])
         here = _Seen(*(each[at] if len(each) else each for each in seen))
         left, by = self._against(z, number, part, here, _span(mine))
-        found = Predicted((stream.topic, stream.kind), number, left, by, part.time_ns, part.values)
+        found = Predicted((stream.topic, stream.kind, number), left, by, part.time_ns, part.values)
         return found if len(mine) else found.without_derivatives()
 
     def _columns(self, number: int) -> Array:

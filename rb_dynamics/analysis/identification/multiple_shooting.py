@@ -322,7 +322,7 @@ class _Shooting:
         They are those of a Kalman filter, linear near the nodes, all of a segment at once.
         """
         p = every.shape[1]
-        predicted: dict[tuple[int, Key], list[tuple[Predicted, Array, Array]]] = {}
+        predicted: dict[Key, list[tuple[Predicted, Array, Array]]] = {}
         # The node, by all parameters and at them, and a root of its covariance given them.
         node, root = np.zeros((0, p + 1)), np.zeros((0, 0))
         for k, (each, flown) in enumerate(zip(self.segments, self._flown(every), strict=True)):
@@ -340,7 +340,7 @@ class _Shooting:
             row = 0
             for part in measured:
                 of = white[row : row + part.left.size]
-                predicted.setdefault((each.number, part.key), []).append((part, of[:, :-1], of[:, -1]))
+                predicted.setdefault(part.key, []).append((part, of[:, :-1], of[:, -1]))
                 row += part.left.size
             if each.end_ns is not None:
                 node = node - root @ along.T @ ((sizes / (1.0 + sizes**2))[:, None] * shares)
@@ -353,17 +353,13 @@ class _Shooting:
                 root = back @ triangle(np.hstack([flown.gap[:, each.own] @ root, loose * np.eye(size)]).T).T
         return self._fit(every, loose, predicted)
 
-    def _fit(
-        self, every: Array, loose: float, predicted: dict[tuple[int, Key], list[tuple[Predicted, Array, Array]]]
-    ) -> Fit:
+    def _fit(self, every: Array, loose: float, predicted: dict[Key, list[tuple[Predicted, Array, Array]]]) -> Fit:
         """Return the fit with these innovations of each stream, piece by piece."""
         streams, weighted, left, z = [], [], [], every[0]
-        squares: dict[Key, list[float]] = {}
-        for (_, key), parts in predicted.items():
+        squares: dict[Key, tuple[float, int]] = {}
+        for key, parts in predicted.items():
             over = np.concatenate([each for *_, each in parts])
-            squares.setdefault(key, [0.0, 0.0])
-            squares[key][0] += float(over @ over)
-            squares[key][1] += len(over)
+            squares[key] = float(over @ over), len(over)
             weighted.append(np.vstack([by for _, by, _ in parts]))
             left.append(over)
             streams.append(

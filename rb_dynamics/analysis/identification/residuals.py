@@ -26,7 +26,7 @@ class Fit(NamedTuple):
 
     Attributes:
         z: parameters.
-        noise: standard deviation of one component of a sample, by topic and kind.
+        noise: standard deviation of one component of a sample, by sensor and flight.
         predicted: what is left of each stream; without derivatives.
         weighted: (n, p), derivatives over noise.
         left: (n,), residuals over noise.
@@ -123,20 +123,19 @@ def fit_bands(fit: Fit, local: Array | None = None) -> list[list[Band]]:
 def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:
     """Return the residuals of each topic and kind, from the bands of their streams."""
     found = []
-    for key in dict.fromkeys(each.key for each in fit.predicted):
-        mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key == key]
+    for topic, kind in dict.fromkeys(each.key[:2] for each in fit.predicted):
+        mine = [(each, of) for each, of in zip(fit.predicted, bands, strict=True) if each.key[:2] == (topic, kind)]
         parts = [each.left for each, _ in mine]
         every = np.vstack(parts)
         judged, correlation = whiteness(parts, [of for _, of in mine])
         rms = _rms(every)
-        white = judged if rms > floor_of(model, key) else None
+        white = judged if any(_rms(each.left) > floor_of(model, each.key) for each, _ in mine) else None
         told = [noise for each, _ in mine if np.isfinite(noise := noise_of(model, each))]
         beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
         motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
         # Without a motion, and of too few samples, there is nothing to judge by.
         times, share = (float(rms / of) if of > 0.0 else 0.0 for of in (beneath, motion))
-        topic, kind = key
-        noise = fit.noise[key]
+        noise = float(np.sqrt(np.average([fit.noise[p.key] ** 2 for p, _ in mine], weights=list(map(len, parts)))))
         found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, noise, white, correlation, times, share))
     return found
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
@@ -11,7 +9,8 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.track import Array
 
-Key = tuple[str, str]
+Key = tuple[str, str, int]
+"""Topic, kind and number of the flight: what is noise in one flight may be none in another."""
 
 # Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
 _FLOOR = 1e-6
@@ -19,7 +18,7 @@ _FLOOR = 1e-6
 
 def noise_shown(model: Model) -> dict[Key, float]:
     """Return the noise of each sensor that its own differences show, whatever the model."""
-    return {key: max(_noise_of(streams), floor_of(model, key)) for key, streams in _streams(model).items()}
+    return {key: max(_noise_of(stream), floor_of(model, key)) for key, stream in _streams(model).items()}
 
 
 def floor_of(model: Model, key: Key) -> float:
@@ -29,22 +28,22 @@ def floor_of(model: Model, key: Key) -> float:
 
 def largest(model: Model, key: Key) -> float:
     """Return the largest number of a sensor, 1 rad of an attitude."""
-    sizes = [1.0 if s.kind == ATTITUDE else float(np.abs(s.values).max(initial=0.0)) for s in _streams(model)[key]]
-    return max(*sizes, 1e-9)
+    stream = _streams(model)[key]
+    return 1.0 if stream.kind == ATTITUDE else max(float(np.abs(stream.values).max(initial=0.0)), 1e-9)
 
 
-def _streams(model: Model) -> dict[Key, list[Stream]]:
-    found: dict[Key, list[Stream]] = {}
-    for flight in model.flights:
-        for stream in flight.streams:
-            if len(stream.time_ns):
-                found.setdefault((stream.topic, stream.kind), []).append(stream)
-    return found
+def _streams(model: Model) -> dict[Key, Stream]:
+    return {
+        (stream.topic, stream.kind, number): stream
+        for number, flight in enumerate(model.flights)
+        for stream in flight.streams
+        if len(stream.time_ns)
+    }
 
 
-def _noise_of(streams: Sequence[Stream]) -> float:
+def _noise_of(stream: Stream) -> float:
     """Return the noise that third differences show, which neither smooth motion nor a few wild samples change much."""
-    every = np.abs(np.concatenate([_third_differences(stream).ravel() for stream in streams]))
+    every = np.abs(_third_differences(stream).ravel())
     if not len(every):
         return 0.0
     # Of a coarse sensor most differences may be zero.

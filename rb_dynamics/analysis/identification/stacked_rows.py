@@ -16,7 +16,7 @@ RUNAWAY = 1e12
 _ROWS = 1 << 14
 
 
-def stacked(predicted: Sequence[Predicted], noise: dict[tuple[str, str], float]) -> tuple[Array, Array]:
+def stacked(predicted: Sequence[Predicted], noise: dict[tuple[str, str, int], float]) -> tuple[Array, Array]:
     """Return residuals (n,) and derivatives (n, p) of all streams over noise, one below the other."""
     left = [each.left.ravel() / noise[each.key] for each in predicted]
     by = [each.by.reshape(each.left.size, each.by.shape[2]) / noise[each.key] for each in predicted]

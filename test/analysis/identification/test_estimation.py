@@ -46,7 +46,7 @@ def test_a_search_does_not_hold_the_derivatives_of_the_whole_flight(monkeypatch:
     body = random_body(random)
     made = flown(body, random, seconds=300.0, spin=(0.9, 1.2, -1.5), gyro=1e-3)
     model = Model(guess(body), [made], ("inertia_ratios",))
-    z, noise = np.zeros(model.layout.count), {("imu", "rates"): 1e-3}
+    z, noise = np.zeros(model.layout.count), {("imu", "rates", 0): 1e-3}
     derivatives = 8 * made.streams[0].values.size * model.layout.count
     list(model.blocks(z, derivatives=False))
     tracemalloc.start()
@@ -106,4 +106,4 @@ def test_a_piece_in_which_the_motion_is_lost_grows_in_steps() -> None:
     spin = 2.0 * (axes[:, 1] + 1e-2 * axes[:, 0] + 1e-2 * axes[:, 2])
     made = flown(body, random, seconds=100.0, rate=20.0, spin=spin, gyro=2e-2)
     fit = fitted(Model(guess(body), [made], ("inertia_ratios",)), 1, "linear", 0)
-    assert fit.noise["imu", "rates"] == pytest.approx(2e-2, rel=0.1)
+    assert fit.noise["imu", "rates", 0] == pytest.approx(2e-2, rel=0.1)

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene
+from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import Flight, Stream
+from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.loads.drag import LinearDrag
 from rb_dynamics.loads.gyrostat_rotor import Rotor
@@ -119,6 +121,28 @@ def test_several_recordings_are_of_one_body() -> None:
     within(three, "inertia", body.inertia)
     errors = [[each.standard_error or np.inf for each in found.parameters if each.asked] for found in (one, three)]
     assert np.all(np.array(errors[1]) < np.array(errors[0]))
+
+
+def test_a_noisy_recording_beside_a_quiet_one_takes_nothing_from_it() -> None:
+    """One noise was taken for both: residuals were not white, and all errors doubled."""
+    random = np.random.default_rng(7)
+    body = random_body(random)
+    quiet, noisy = (flown(body, random, torque=1.0, seconds=2.0, gyro=gyro) for gyro in (2e-4, 2e-2))
+    alone, both = (identify(guess(body), some, ["inertia"]) for some in ([quiet], [quiet, noisy]))
+
+    assert both.residuals[0].white
+    assert both.residuals[0].noise == pytest.approx(2e-2 / np.sqrt(2.0), rel=0.1)
+    within(both, "inertia", body.inertia)
+    errors = [[each.standard_error or np.inf for each in found.parameters if each.asked] for found in (alone, both)]
+    assert np.all(np.array(errors[1]) < 1.2 * np.array(errors[0]))
+
+
+def test_of_too_few_samples_no_noise_of_their_own_is_believed() -> None:
+    random = np.random.default_rng(8)
+    body = random_body(random)
+    flights = [flown(body, random, seconds=3.0, gyro=5e-3)] + [flown(body, random, seconds=0.06) for _ in range(5)]
+    fit = fitted(Model(guess(body), flights, ["inertia_ratios"]), 1, "linear", 0)
+    assert list(fit.noise.values()) == pytest.approx([5e-3] * 6, rel=0.1)
 
 
 def test_held_out_recording_is_predicted_to_its_noise() -> None:
@@ -302,6 +326,17 @@ def test_a_fit_that_runs_away_or_rests_far_off_says_so() -> None:
     else:
         assert not found.passed
         assert not any(each.known for each in found.parameters)
+
+
+def test_of_a_body_that_hardly_tumbles_nothing_is_said_because_no_body_is_two_errors_away() -> None:
+    """The fit, not at rest, was 5 standard errors off: away from it no body had the numbers, so none was asked."""
+    random = np.random.default_rng(7043)
+    body = random_body(random)
+    _, axes = np.linalg.eigh(np.array(body.inertia))
+    seconds = random.uniform(1.0, 4.0)
+    spin = 4.0 * axes[:, 1] + 0.02 * random.standard_normal(3)
+    found = identify(guess(body), [flown(body, random, gyro=3e-3, seconds=seconds, spin=spin)], ["inertia_ratios"])
+    assert not any(each.known for each in found.parameters if each.name.startswith("inertia"))
 
 
 def test_of_a_fit_that_does_not_follow_its_recording_nothing_is_known() -> None:
