@@ -42,7 +42,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.motion.phase_state import PhaseState, Sums, grown
+from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, Sums, grown, total
 from rb_dynamics.numerics.background_compilation import ask_for
 from rb_dynamics.numerics.compilation import available, compile_kernel, failure_of, is_cached, specialise
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
@@ -142,6 +142,16 @@ def _run_on_numbers(numbers: Numbers, h: float, n: int) -> None:
         inertia, held, h, n, start.orientation, start.angular_velocity, start.high, start.low, numbers
     )
     write_phase(numbers, CONSTANTS, PhaseState(q, w, high, low))
+
+
+def _dense_on_numbers(numbers: Numbers, h: float, _: int) -> None:
+    """Advance by one step of h s, whose memory begins after the phase."""
+    (inertia, held), start = constants_at(numbers), phase_at(numbers, CONSTANTS)
+    velocity = scale(1.0 / inertia.mass, total(start, MOMENTUM))
+    memory = numbers[CONSTANTS + PHASE :]
+    step = _step(inertia, held, h, velocity, start.orientation, start.angular_velocity, memory)
+    high, low = grown(start.high, start.low, step, h)
+    write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
 
 
 def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Sums) -> Load | None:
@@ -398,6 +408,15 @@ def takes_compiled(method: Method, takes: LoadDependence) -> bool:
 def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
     """Return the kernel of `method`, for scenes with or without effects; None if it cannot be compiled."""
     return Kernel(method, effects=effects) if compiles(method, effects=effects) else None
+
+
+@cache
+def dense_kernel(method: Method) -> OnDemand | None:
+    """Return the kernel for steps to many times within a stride of `method`; None if it has none of its own."""
+    if method.dense is None or not method.compiles:
+        return None
+    function = specialise(_dense_on_numbers, f"dense_{method.name}", _step=method.dense.step)
+    return OnDemand(method.name, function, _SIGNATURE)
 
 
 @cache

@@ -100,6 +100,19 @@ class Pair(Protocol):
         """Return the result of `step`, and one of one order less: their difference estimates the error."""
 
 
+class DenseStep(NamedTuple):
+    """A step for kernels that serves many times within a stride (dense output).
+
+    Attributes:
+        step: called like `Step`, but with an array in place of the load; gives the same bits. The array receives what
+            steps of any length from the same start share, and begins with zeros.
+        size: of the array.
+    """
+
+    step: Callable[..., Increment]
+    size: int
+
+
 # longest_step(inertia, held, velocity_world, orientation, angular_velocity_principal, accuracy, horizon)
 LongestStep = Callable[[Inertia, HeldWrench, Vector, Quaternion, Vector, float, float], float]
 
@@ -123,6 +136,8 @@ class Method:
             identifies a step by the name of the method.
         compiles_loads: if so, whether also under the loads that it takes.
         tableau: the tableau of a method that takes a load with inner states.
+        dense: for a method under held wrenches alone whose steps from one start share most of their work, if it
+            compiles.
     """
 
     name: str
@@ -135,6 +150,7 @@ class Method:
     compiles: bool = False
     tableau: SparseTableau | None = None
     compiles_loads: bool = True
+    dense: DenseStep | None = None
 
 
 __all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step"]

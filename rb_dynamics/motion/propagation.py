@@ -11,7 +11,7 @@ from rb_dynamics.loads.wrench import HeldWrench, held_of
 from rb_dynamics.motion import propagation_kernel as layout
 from rb_dynamics.motion.adaptive_kernel import strides_by
 from rb_dynamics.motion.closed_form import EXACT
-from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, kernel
+from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, OnDemand, dense_kernel, kernel
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constant_numbers, phase_numbers, phase_of
 from rb_dynamics.motion.method import Inertia, Method
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory
@@ -165,10 +165,9 @@ def propagate(
     kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects)
     if kernels is None:
         return None
-    f, w = (
-        _numbers(inertia, arc_state, arcs, grid, effects or NO_EFFECTS),
-        _whole_numbers(arc_state, arcs, grid, closed),
-    )
+    memory = 0 if driven_by is None or driven_by[0].dense is None else driven_by[0].dense.size
+    f = _numbers(inertia, arc_state, arcs, grid, (*(0.0,) * memory, *(effects or NO_EFFECTS)))
+    w = _whole_numbers(arc_state, arcs, grid, closed)
     rows = np.empty((int(np.count_nonzero(edges.kinds & layout.OUTPUT)), PHASE))
     run, *handed = kernels
     reason = run(f, w, edges.at, edges.kinds, edges.held, rows, *handed)
@@ -188,13 +187,15 @@ def _kernels(
 ) -> list[Callable[..., Any]] | None:
     """Return the kernel for propagation and the kernels that it calls; None if one is missing."""
     steps: OnDemand | None = layout.CLOSED_FORM
+    within: OnDemand | None = None
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
         method, control = driven_by
         steps = kernel(method, effects=bool(effects))
+        within = dense_kernel(method)
         fixed = isinstance(control, FixedStep)
         strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=bool(effects))
-    wanted = (layout.PROPAGATE, steps, strides, layout.CLOSED_FORM if closed else steps)
+    wanted = (layout.PROPAGATE, steps, strides, within or steps, layout.CLOSED_FORM if closed else steps)
     if not are_ready(plugin_kernels(effects), [each for each in wanted if each], edges * _STEPS_PER_EDGE, 0):
         return None
     # Request all of them, so that the next call finds all compiled.
@@ -202,13 +203,11 @@ def _kernels(
     return [each for each in found if each is not None] if None not in found else None
 
 
-def _numbers(
-    inertia: Inertia, arc_state: ArcState, arcs: Arcs, grid: StepControl, effects: tuple[float, ...]
-) -> Numbers:
+def _numbers(inertia: Inertia, arc_state: ArcState, arcs: Arcs, grid: StepControl, rest: tuple[float, ...]) -> Numbers:
     import numpy as np
 
-    f = np.zeros(layout.NUMBERS + len(effects))
-    f[layout.NUMBERS :] = effects
+    f = np.zeros(layout.NUMBERS + len(rest))
+    f[layout.NUMBERS :] = rest
     goal, learnt, following = Goal(math.inf, 1.0, ends=False), Learnt(), Learnt()
     if isinstance(grid, (AccuracyControl, OwnControl)):
         goal, learnt, following = grid.goal, grid.learnt, grid.following

@@ -43,8 +43,9 @@ DONE, CHOOSE, STOPPED = 0, 1, 2
 
 # Layout of the array of floats that the kernel reads and updates. It begins like that of a kernel for strides by
 # accuracy: body and wrench, goal, phase at the grid point, learnt state, and both after the next stride. Then: largest
-# rounding error allowed to a closed form, history, phases at the start of the arc and at the last edge, and room for
-# the numbers of a kernel for fixed steps. The numbers of the effects come last, where all kernels expect them.
+# rounding error allowed to a closed form, history, phases at the start of the arc and at the last edge, room for the
+# numbers of a kernel for fixed steps, and the memory of a dense one. The numbers of the effects come last, where all
+# kernels expect them.
 _LEARNT = len(Learnt._fields)
 GOAL = CONSTANTS
 GRID_POINT = GOAL + len(Goal._fields)
@@ -77,6 +78,7 @@ def propagate(
     rows: Numbers,
     steps: Callable[[Numbers, float, int], None],
     strides: Callable[[Numbers, int, int], tuple[int, int, int]],
+    within: Callable[[Numbers, float, int], None],
     in_closed_form: Callable[[Numbers, float, int], None],
 ) -> int:
     """Propagate from edge to edge, and return the reason for ending.
@@ -90,6 +92,8 @@ def propagate(
         rows: (outputs, `PHASE`), receives the phase at each output.
         steps: the kernel of the method for fixed steps.
         strides: the kernel of the method for strides by accuracy.
+        within: as `steps`, for a time within a stride; may keep what serves other times in what `room` has beyond the
+            phase.
         in_closed_form: as `steps`, for motion with a closed form.
     """
     room, outputs = f[ROOM:], 0
@@ -100,7 +104,7 @@ def propagate(
             reason = _advance(f, w, target, room, steps, strides)
             if reason != DONE:
                 return reason
-        if not _reach(f, w, target, room, steps, in_closed_form):
+        if not _reach(f, w, target, room, within, in_closed_form):
             return STOPPED
         here = phase_at(room, CONSTANTS)
         if kind & CHANGE:
@@ -147,7 +151,7 @@ def _reach(
     w: Whole,
     target: int,
     room: Numbers,
-    steps: Callable[[Numbers, float, int], None],
+    within: Callable[[Numbers, float, int], None],
     in_closed_form: Callable[[Numbers, float, int], None],
 ) -> bool:
     """Write the phase at `target` to `room`, by a step from the last grid point; return whether it is valid."""
@@ -156,7 +160,7 @@ def _reach(
     _copy(f, GRID_POINT, room, CONSTANTS, PHASE)
     if rest > 0.0:
         if w[CLOSED] == 0:
-            steps(room, rest / w[PARTS], w[PARTS])
+            within(room, rest / w[PARTS], w[PARTS])
         else:
             in_closed_form(room, rest, 1)
     here = phase_at(room, CONSTANTS)
@@ -265,7 +269,7 @@ _STRIDES = "UniTuple(int64, 3)(float64[::1], int64, int64)"
 
 
 _ARRAYS = "float64[::1], int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]"
-_FUNCTIONS = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS))
+_FUNCTIONS = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _STEPS, _STEPS))
 
 
 PROPAGATE = OnDemand("rk4", propagate, f"int64({_ARRAYS}, {_FUNCTIONS})")

@@ -6,11 +6,11 @@ One expansion serves every time within a step (dense output), and its last terms
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.method import Increment, Inertia, Load, Method
+from rb_dynamics.motion.method import DenseStep, Increment, Inertia, Load, Method
 from rb_dynamics.motion.result_cache import cached_results
 from rb_dynamics.motion.step_checks import NO_INCREMENT, require_finite
 from rb_dynamics.numerics.compilation import compiled_as, workspace
@@ -107,7 +107,59 @@ def step(
         workspace(_TERMS),
     )
     start = _start(inertia, held, orientation, angular_velocity, unit)
-    series, t = _expand(memory, start, order), h * unit
+    series = _expand(memory, start, order)
+    return _reached(inertia, held, h, velocity, orientation, angular_velocity, series, unit, order)
+
+
+def step_from_memory(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    memory: Any,
+) -> Increment:
+    """Return the result of `step`, to the same bits, by the expansion that `memory` holds if it is from the same start.
+
+    Otherwise expand to the full order there: a coefficient does not depend on the order.
+    """
+    rate = _rate(inertia, held, angular_velocity)
+    unit, order = _clock(rate), _order(rate * abs(h))
+    start = _start(inertia, held, orientation, angular_velocity, unit)
+    m, n = memory, _TERMS
+    series = _Expansion(
+        (m[:n], m[n : 2 * n], m[2 * n : 3 * n], m[3 * n : 4 * n]),
+        (m[4 * n : 5 * n], m[5 * n : 6 * n], m[6 * n : 7 * n]),
+        (m[7 * n : 8 * n], m[8 * n : 9 * n], m[9 * n : 10 * n]),
+        (m[10 * n : 11 * n], m[11 * n : 12 * n], m[12 * n : 13 * n]),
+        m[13 * n : 14 * n],
+    )
+    # Last the start, by which an expansion is known.
+    known, size, key = True, 14 * n, (*start.moments, *start.force, *start.torque, *start.torque_world, *start.omega)
+    for k in range(15):
+        known = known and m[size + k] == key[k]
+        m[size + k] = key[k]
+    if not known:
+        for k in range(size):
+            m[k] = 0.0
+        _write(series, start, _ORDER)
+    return _reached(inertia, held, h, velocity, orientation, angular_velocity, series, unit, order)
+
+
+def _reached(
+    inertia: Inertia,
+    held: HeldWrench,
+    h: float,
+    velocity: Vector,
+    orientation: Quaternion,
+    angular_velocity: Vector,
+    series: _Expansion,
+    unit: float,
+    order: int,
+) -> Increment:
+    """Return the increment after h s by the terms up to `order`."""
+    t = h * unit
     # The full order allows a longer step.
     if order == _ORDER:
         last = (0.5 * _size(series, _ORDER, 0.0)) ** (1.0 / _ORDER)
@@ -240,7 +292,11 @@ def _start(
 # Cached, because an arc uses one expansion many times: to choose the step, to take it, and for each output within.
 @cached_results(4)
 def _expand(memory: _Expansion, start: _Start, order: int) -> _Expansion:
-    """Write the coefficients up to `order` into `memory` and return it."""
+    return _write(memory, start, order)
+
+
+def _write(memory: _Expansion, start: _Start, order: int) -> _Expansion:
+    """Write the coefficients up to `order` into `memory`, all zeros before, and return it."""
     i1, i2, i3 = start.moments
     (f1, f2, f3), (t1, t2, t3), (u1, u2, u3) = start.force, start.torque, start.torque_world
     has_world = start.torque_world != ZERO
@@ -340,4 +396,5 @@ TAYLOR = Method(
     step=step,
     longest_step=longest_step,
     compiles=True,
+    dense=DenseStep(step_from_memory, 14 * _TERMS + 15),
 )

@@ -9,7 +9,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.adaptive_kernel import strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import mover
-from rb_dynamics.motion.fixed_step_kernel import OnDemand, gradual_kernel, kernel
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, dense_kernel, gradual_kernel, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
@@ -43,7 +43,8 @@ def all_kernels() -> dict[str, OnDemand]:
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:
-    return kernel(method, effects=effects), strides_of(method, effects=effects)
+    within = None if effects else dense_kernel(method)
+    return kernel(method, effects=effects), strides_of(method, effects=effects), within
 
 
 def _while_gradual(method: Method) -> Iterable[OnDemand | None]:

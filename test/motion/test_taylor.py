@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 
+import numpy as np
 import pytest
 
 from rb_dynamics.loads.wrench import HeldWrench
@@ -79,6 +80,26 @@ def test_times_inside_a_step_share_its_expansion() -> None:
     found = taylor._expand.cache_info()
 
     assert (found.misses, found.hits) == (1, 3)
+
+
+def test_so_they_do_in_kernels_with_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the memory held the expansion of another start, under other loads."""
+    starts: list[object] = []
+    write = taylor._write
+    monkeypatch.setattr(taylor, "_write", lambda m, start, order: [starts.append(start), write(m, start, order)][1])
+    assert taylor.TAYLOR.dense is not None
+    memory = np.zeros(taylor.TAYLOR.dense.size)
+    for seed in range(100):
+        inertia, held, velocity, orientation, omega = case(seed)
+        rate = taylor._rate(inertia, held, omega)
+        motion = velocity, orientation, omega
+        times = [turn / rate for turn in (1e-5, 0.3, 0.0001, 0.02, 0.2)]
+        del starts[:]
+        found = [taylor.TAYLOR.dense.step(inertia, held, h, *motion, memory) for h in times]
+        assert len(starts) == 1
+
+        expected = [taylor.step(inertia, held, h, *motion) for h in times]
+        assert [np.hstack(each).tobytes() for each in found] == [np.hstack(each).tobytes() for each in expected]
 
 
 @pytest.mark.parametrize("seed", range(0, 80, 4))

@@ -20,7 +20,9 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.motion import propagation
+from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by, dense_kernel
 from rb_dynamics.motion.kernel_layout import phase_of
+from rb_dynamics.motion.taylor import TAYLOR
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.run.sink import RunInfo
@@ -290,6 +292,21 @@ def test_commands_that_come_meanwhile_are_heeded() -> None:
 def _times(piece: int) -> Iterator[int]:
     times = {*range(piece, 3_000_000_000, piece), 2_100_000_030, 3_000_000_000}
     yield from sorted(times)
+
+
+def test_outputs_within_a_stride_of_taylor_are_of_one_expansion(flown: list[int]) -> None:
+    scene = replace(SCENE, solver=Solver(method="taylor", accuracy=1e-9), output_rate=1000)
+    commands = [("a", Wrench((1.0, 0.0, 0.0), (0.1, 0.2, -0.1), frame, 400_000_000)) for frame in ("body", "world")]
+    one_by_one, blocks = MemorySink(), MemorySink()
+    _singly(scene, commands, one_by_one)
+    tally = Tally()
+    with counted_by(tally):
+        _run(scene, commands, blocks)
+
+    assert dense_kernel(TAYLOR) in tally.used
+    assert sum(flown) > 2900
+    for name in ("position_world", "orientation_xyzw", "angular_velocity_body", "work", "energy_defect"):
+        assert getattr(blocks, name).tobytes() == getattr(one_by_one, name).tobytes()
 
 
 @pytest.mark.parametrize(
