@@ -39,7 +39,7 @@ def attracted(a: Attraction, point: Point) -> tuple[Vector, Vector]:
     Raises:
         ConvergenceError: the body reaches the centre.
     """
-    distance, direction = _to(a.center, point.position)
+    distance, direction = to_center(a.center, point.position)
     pull = scale(-a.parameter * a.mass / distance / distance, direction)
     if a.gradient == 0.0:
         return pull, ZERO
@@ -54,12 +54,13 @@ def attracted(a: Attraction, point: Point) -> tuple[Vector, Vector]:
 
 def time_to_fall(a: Attraction, point: Point) -> float:
     """Return half of the shortest time (s) to the centre for an approaching body; infinite for others."""
-    distance, direction = _to(a.center, point.position)
+    distance, direction = to_center(a.center, point.position)
     coming = dot(point.velocity, direction) < 0.0
     return 0.5 * distance / norm(point.velocity) if coming else math.inf
 
 
-def _to(center: Vector, place: Vector) -> tuple[float, Vector]:
+def to_center(center: Vector, place: Vector) -> tuple[float, Vector]:
+    """Return the distance from `center` to `place` and the direction; refuse the centre itself."""
     away = subtract(place, center)
     distance = norm(away)
     if distance == 0.0:
@@ -67,8 +68,8 @@ def _to(center: Vector, place: Vector) -> tuple[float, Vector]:
     return distance, scale(1.0 / distance, away)
 
 
-def _to_each(center: Vector, places: Vector) -> tuple[float, Vector]:
-    """As `_to`, for arrays; at the centre the direction is not a number."""
+def to_center_of_each(center: Vector, places: Vector) -> tuple[float, Vector]:
+    """As `to_center`, for arrays; at the centre the direction is not a number."""
     away = subtract(places, center)
     distance = norm_of_arrays(away)
     return distance, scale(1.0 / distance, away)
@@ -141,7 +142,7 @@ class CentralGravity(Effect):
         """Return -mu n / r^2 at a place."""
 
         def at(place: Vector) -> Vector:
-            distance, direction = _to(self.center_world, place)
+            distance, direction = to_center(self.center_world, place)
             return scale(-self.gravitational_parameter / distance / distance, direction)
 
         return at
@@ -152,7 +153,7 @@ class CentralGravity(Effect):
         trace = moments[0] + moments[1] + moments[2]
 
         def at(point: Point) -> float:
-            to = _to_each if hasattr(point.time, "shape") else _to
+            to = to_center_of_each if hasattr(point.time, "shape") else to_center
             distance, direction = to(self.center_world, point.position)
             energy = -mu * mass / distance
             if not self.gravity_gradient:

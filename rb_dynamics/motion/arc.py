@@ -10,23 +10,33 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
+from rb_dynamics.motion.array_steps import are_finite, steps_from
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
+from rb_dynamics.motion.kernel_layout import phase_numbers
 from rb_dynamics.motion.load_time_scale import steady_time
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
-from rb_dynamics.motion.propagation import ArcState
+from rb_dynamics.motion.propagation import ArcState, countable
 from rb_dynamics.motion.stateful_kernel import StatefulSteps, stateful_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, norm, scale
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
+
+    Whole = npt.NDArray[np.int64]
 
 LoadFrom = Callable[[PhaseState], Load]
 """Returns the load in addition to the held wrench, for a step that starts in a phase."""
@@ -75,6 +85,9 @@ _NO_SCALES = LoadScales()
 _LEARNING = AccuracyControl, OwnControl
 
 _CHOOSE_AGAIN = 64
+
+# Strides in plain Python after which outputs are passed on: a few tenths of a second.
+_MOST_IN_PLAIN = 1000
 
 # Number of strides from which the number of further ones is estimated.
 _ENOUGH = 16
@@ -202,21 +215,68 @@ class Arc:
             ConvergenceError: a step could not be solved; the arc is as it was.
             OutOfTime: it was `enough` before.
         """
-        control = self._control
-        before = self._phase, self._reached, self._strides, self._stride, self._after
-        learnt = (control.learnt, control.following) if isinstance(control, _LEARNING) else None
-        method, methods = self._method, len(self.methods)
+        undo = self._undo()
         try:
             self._advance_to(time_ns, enough)
         except ConvergenceError:
             # Another load may act from any time on that was requested: its arc must not know of what failed.
+            undo()
+            raise
+
+    def _undo(self) -> Callable[[], None]:
+        """Return what undoes the strides taken after this."""
+        control = self._control
+        before = self._phase, self._reached, self._strides, self._stride, self._after
+        learnt = (control.learnt, control.following) if isinstance(control, _LEARNING) else None
+        method, methods = self._method, len(self.methods)
+
+        def undo() -> None:
             if control is not self._control:
                 self._use(method, control)
                 del self.methods[methods:]
             self._phase, self._reached, self._strides, self._stride, self._after = before
             if isinstance(control, _LEARNING) and learnt is not None:
                 control.learnt, control.following = learnt
-            raise
+
+        return undo
+
+    def outputs(self, times_ns: Whole, enough: Enough | None = None) -> Numbers | None:
+        """Return the phases at the first k of these times, (k, `PHASE`), as `at` would one by one, by array steps.
+
+        None if the arc has none, or there is one by one an error before, or `enough`.
+        """
+        import numpy as np
+
+        control, stepper, undo = self._control, self._advance, self._undo()
+        if not stepper.takes_arrays or not countable(control, int(times_ns[-1]) - self._start_ns, int(times_ns[-1])):
+            return None
+        grid, counts, taken = list[tuple[float, ...]](), list[int](), 0
+        reached, strides = list[int](), self._strides
+        while taken < len(times_ns) and self._strides - strides < _MOST_IN_PLAIN:
+            try:
+                self.advance(int(times_ns[taken]), enough)
+            except (ConvergenceError, OutOfTime):
+                break
+            if self._advance is not stepper:
+                break
+            end_ns = self._start_ns - (-(self._reached + (self._stride or 1)) // control.denominator)
+            counts.append(int(times_ns.searchsorted(end_ns)) - taken)
+            taken += counts[-1]
+            grid.append(phase_numbers(self._phase))
+            reached.append(self._reached)
+        if not taken:
+            return None
+        found = np.repeat(np.array(grid), counts, axis=0).T
+        ahead = (times_ns[:taken] - self._start_ns) * control.denominator - np.repeat(reached, counts)
+        h = ahead / (control.denominator * NANOSECONDS) / control.parts
+        between = h > 0.0
+        there = stepper.from_many(found[:, between], h[between], control.parts) if between.any() else found[:, between]
+        if there is not None:
+            found[:, between] = there
+        if there is None or not are_finite(self._what_acts[0], found):
+            undo()
+            return None
+        return found.T
 
     def _advance_to(self, time_ns: int, enough: Enough | None) -> None:
         target = (time_ns - self._start_ns) * self._control.denominator
@@ -354,6 +414,15 @@ class Stepper:
         arguments = self._arguments(phase, h)
         after, load = phase.after(self._method.step(*arguments), h), arguments[-1]
         return load.after(phase, after) if isinstance(load, StagedLoad) else after
+
+    @property
+    def takes_arrays(self) -> bool:
+        """Whether `from_many` is possible."""
+        return self._method.takes_arrays and self._compiles and not (self._plugins or self._gradual)
+
+    def from_many(self, phases: Numbers, h: Numbers, count: int) -> Numbers | None:
+        """Return the phases, (`PHASE`, k), after `count` steps of h[i] s from phases[:, i] each; None if refused."""
+        return steps_from(self._method, self._inertia, self._held, h, count, phases, self._effects)
 
     def stretch(self, phase: PhaseState, h: float, count: int, ahead: int, missed: int) -> PhaseState | None:
         """Return the phase after `count` steps of h s by a kernel; None if that is not possible."""

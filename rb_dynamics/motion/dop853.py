@@ -248,4 +248,5 @@ DOP853 = Method(
     pair=pair,
     compiles=True,
     tableau=_TABLEAU,
+    takes_arrays=True,
 )

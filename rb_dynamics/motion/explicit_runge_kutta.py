@@ -13,7 +13,7 @@ from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load
-from rb_dynamics.motion.step_checks import no_rotation, require_finite
+from rb_dynamics.motion.step_checks import is_rotation, no_rotation, require_finite
 from rb_dynamics.numerics.rotation import Quaternion, multiply, normalize, renormalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
@@ -162,7 +162,7 @@ def increment(
     pushed, shifted = carried
     w += 1.0
     square = x * x + y * y + z * z + w * w
-    if not 0.5 < square < 2.0:
+    if not is_rotation(square):
         return no_rotation(name, h, square, norm(f.angular_velocity))
     twisted, work = books
     impulse = add_scaled(rotate(orientation, pushed), h, f.held.force_world)

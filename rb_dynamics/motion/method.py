@@ -136,6 +136,7 @@ class Method:
             identifies a step by the name of the method.
         compiles_loads: if so, whether also under the loads that it takes.
         tableau: the tableau of a method that takes a load with inner states.
+        takes_arrays: whether `step` takes numpy arrays in place of numbers, see `array_steps.py`.
         dense: for a method under held wrenches alone whose steps from one start share most of their work, if it
             compiles.
     """
@@ -150,6 +151,7 @@ class Method:
     compiles: bool = False
     tableau: SparseTableau | None = None
     compiles_loads: bool = True
+    takes_arrays: bool = False
     dense: DenseStep | None = None
 
 

@@ -59,6 +59,18 @@ class Edges(NamedTuple):
         """Return the edges before this index."""
         return Edges(self.at[:index], self.kinds[:index], self.held)
 
+    def stretch(self, least: int) -> tuple[int, int]:
+        """Return the places where `least` or more outputs without a change first begin and end.
+
+        Both are behind the last edge if there are none.
+        """
+        import numpy as np
+
+        ends = np.append((self.kinds & layout.CHANGE).nonzero()[0], len(self.at))
+        begins = np.append(0, ends[:-1] + 1)
+        long = (ends - begins >= least).nonzero()[0]
+        return (int(begins[long[0]]), int(ends[long[0]])) if len(long) else (len(self.at), len(self.at))
+
 
 class ArcState(NamedTuple):
     """State of an arc and its grid.
@@ -160,7 +172,7 @@ def propagate(
 
     closed, driven_by = isinstance(arc_state.control, WholeArc), arcs.driven_by
     grid = driven_by[1] if driven_by else arc_state.control
-    if not _countable(grid, int(edges.at[-1]) - arc_state.start_ns, int(edges.at[-1])):
+    if not countable(grid, int(edges.at[-1]) - arc_state.start_ns, int(edges.at[-1])):
         return None
     kernels = _kernels(driven_by, closed or (arcs.may_close and not effects), len(edges.at), effects)
     if kernels is None:
@@ -174,7 +186,7 @@ def propagate(
     return _propagated(reason, f.tolist(), w.tolist(), rows, arc_state, arcs)
 
 
-def _countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
+def countable(grid: StepControl, length_ns: int, time_ns: int) -> bool:
     """Return whether 64-bit integers, and doubles, represent all lengths exactly."""
     denominator = grid.denominator
     return max(abs(length_ns), abs(time_ns), 10**9) * denominator < _EXACT_WHOLE and (

@@ -8,7 +8,7 @@ from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic, half_product, turned
 from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method
-from rb_dynamics.motion.step_checks import no_rotation, require_finite
+from rb_dynamics.motion.step_checks import is_rotation, no_rotation, require_finite
 from rb_dynamics.numerics.rotation import Quaternion, normalize, renormalize
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
@@ -58,7 +58,7 @@ def step(
     q = _add_scaled(orientation, sixth, spin)
     # Products, because a power that overflows raises in Python.
     square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if not 0.5 < square < 2.0:
+    if not is_rotation(square):
         return no_rotation("rk4", h, square, norm(angular_velocity))
     end = Increment(
         # Weighted sums of the velocities of the stages.
@@ -135,5 +135,11 @@ def _sum(a: Vector, b: Vector, c: Vector, d: Vector) -> Vector:
 
 
 RK4 = Method(
-    "rk4", order=4, invariants=frozenset({"unit_quaternion"}), step=step, takes=LoadDependence.ANY, compiles=True
+    "rk4",
+    order=4,
+    invariants=frozenset({"unit_quaternion"}),
+    step=step,
+    takes=LoadDependence.ANY,
+    compiles=True,
+    takes_arrays=True,
 )

@@ -89,6 +89,11 @@ def turns_too_far(name: str, h: float, rate: float) -> Increment:
     )
 
 
+def is_rotation(square: float) -> bool:
+    """Return whether the sum of the squares of a quaternion after a step is near 1."""
+    return 0.5 < square < 2.0
+
+
 @compiled_as(NO_INCREMENT)
 def no_rotation(name: str, h: float, square: float, rate: float) -> Increment:
     """Refuse a quaternion of norm `square`^(1/2), reached in h s from `rate` (rad/s).

@@ -92,4 +92,5 @@ DVERK = Method(
     takes=LoadDependence.ANY,
     pair=pair,
     compiles=True,
+    takes_arrays=True,
 )

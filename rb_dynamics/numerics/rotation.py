@@ -79,7 +79,7 @@ def renormalize(q: Quaternion) -> Quaternion:
     """
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     # Dividing by 1 changes nothing, and a branch here would prevent vectorisation over bodies.
-    n = n if abs(n - 1.0) > _LAST_BITS else 1.0
+    n = n if abs(n - 1.0) > LAST_BITS else 1.0
     return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
 
 
@@ -94,9 +94,9 @@ def unit(q: Quaternion) -> Quaternion | None:
     return normalize(q) if off <= NORM_TOLERANCE else None
 
 
-_LAST_BITS = 2.0 * 2.0**-52
+LAST_BITS = 2.0 * 2.0**-52
 # Twice what `renormalize` leaves.
-_UNIT = 2.0 * _LAST_BITS
+_UNIT = 2.0 * LAST_BITS
 
 
 def matrix(q: Quaternion) -> Matrix:

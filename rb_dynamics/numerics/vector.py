@@ -57,7 +57,11 @@ def norm_of_arrays(a: Vector) -> Any:
     """Return `norm` for vectors whose components are arrays."""
     import numpy as np
 
-    return np.array([norm(each) for each in zip(*(part.tolist() for part in cast("tuple[Any, ...]", a)), strict=True)])
+    parts = cast("tuple[Any, ...]", a)
+    square = parts[0] * parts[0] + parts[1] * parts[1] + parts[2] * parts[2]
+    if ((square > 1e-280) & (square < 1e280)).all():
+        return np.sqrt(square)
+    return np.array([norm(each) for each in zip(*(part.tolist() for part in parts), strict=True)])
 
 
 def _square(s: float, a: Vector) -> float:

@@ -12,13 +12,14 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import METHODS, Method
-from rb_dynamics.motion.arc import Arc, LoadFrom, LoadScales, OfPhase, Stepper
+from rb_dynamics.motion import METHODS, Method, array_steps
+from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, LoadScales, OfPhase, Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.closed_form import EXACT, has_closed_form, is_free
+from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
 from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
-from rb_dynamics.motion.propagation_kernel import CHANGE
+from rb_dynamics.motion.propagation_kernel import CHANGE, DONE
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Learnt, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
@@ -160,11 +161,24 @@ class Plan:
         self._last = self._gradual_choice if gradual else self._choice
         return self
 
-    def propagate(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
-        """Propagate from edge to edge by the kernel; None if it does not support that, or is missing.
+    def propagate(self, arc: Arc, edges: Edges, enough: Enough | None = None) -> tuple[Arc, Propagated] | None:
+        """Propagate from edge to edge by the kernel or, up to the next change, by array steps; None if neither can.
 
         Return the arc that has been reached, and the result of the propagation.
         """
+        return self._by_kernel(arc, edges) or self._by_arrays(arc, edges, enough)
+
+    def _by_arrays(self, arc: Arc, edges: Edges, enough: Enough | None) -> tuple[Arc, Propagated] | None:
+        begin, end = edges.stretch(array_steps.FEWEST)
+        rows = arc.outputs(edges.at[:end], enough) if begin == 0 else None
+        if rows is None:
+            return None
+        k, here = len(rows), phase_of(tuple(rows[-1].tolist()))
+        steps = arc.steps_to(int(edges.at[k - 1]))
+        behind = Arcs(self._course, self._from, self._choice.driven_arcs, None, False, math.inf)
+        return arc, Propagated(DONE, k, 0, 0, steps, rows, here, False, (), arc.state, 0, behind)
+
+    def _by_kernel(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         load_from, scales = arc.load
         if scales.numbers:
             arc.guess()

@@ -39,6 +39,7 @@ from rb_dynamics.loads.wrench_channels import (
     WrenchChannels,
 )
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
+from rb_dynamics.motion import array_steps
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
 from rb_dynamics.motion.kernel_layout import phase_numbers, phase_of
@@ -296,7 +297,7 @@ class Simulation:
             return None
         edge = self._nearest_ns(self.next_output_ns(), self._next_change_ns())
         at = times_ns[: times_ns.searchsorted(edge)]
-        if len(at) < FEWEST or not pays(len(at)):
+        if len(at) < FEWEST or not (pays(len(at)) or len(at) >= array_steps.FEWEST):
             return None
         found = self.plan.propagate(self._arc, Edges.of_outputs(at))
         if found is None or found[1].edges == 0:
@@ -617,7 +618,7 @@ class Simulation:
                     self._arc.advance(until_ns, enough)
                     self._computed_ns = max(self._computed_ns, until_ns)
                 return
-            if edge > self._one_by_one_ns and self._fly(until_ns):
+            if edge > self._one_by_one_ns and self._fly(until_ns, enough):
                 output = self.next_output_ns()
                 continue
             phase = self._arc.at(edge, enough)
@@ -685,8 +686,8 @@ class Simulation:
             nearest_ns = min(nearest_ns, self._sensing.next_ns)
         return nearest_ns if self.end_ns is None else min(nearest_ns, self.end_ns)
 
-    def _fly(self, until_ns: int) -> bool:
-        """Propagate from edge to edge up to `until_ns` by a kernel; return whether it may be called again."""
+    def _fly(self, until_ns: int, enough: Enough | None) -> bool:
+        """Propagate over many edges up to `until_ns`; return whether it may be called again."""
         # The last edge needs more than a kernel does; where this fails, all edges are taken one by one.
         self._one_by_one_ns = until_ns
         few = self._period_ns is None or self._edge_schedule.count(self.time_ns, until_ns) < FEWEST
@@ -697,13 +698,16 @@ class Simulation:
             horizon_ns = min(horizon_ns, self._knots[0] - 1)
             self._one_by_one_ns = min(until_ns, self._knots[0])
         count = self._edge_schedule.count(self.time_ns, min(until_ns, horizon_ns))
-        if count < FEWEST or not pays(count):
+        if count < FEWEST or not (pays(count) or count >= array_steps.FEWEST):
             return False
         edges = self._edge_schedule.after(self.time_ns, self._outputs, min(until_ns, horizon_ns), horizon_ns)
-        found = None if edges is None else self.plan.propagate(self._arc, edges)
+        found = None if edges is None else self.plan.propagate(self._arc, edges, enough)
         if edges is None or found is None:
-            if edges is None:
-                self._one_by_one_ns = min(until_ns, self._edge_schedule.known_ns)
+            self._one_by_one_ns = min(until_ns, self._edge_schedule.known_ns)
+            if edges is not None:
+                # Up to the change after which array steps may pay.
+                begin, end = edges.stretch(array_steps.FEWEST)
+                self._one_by_one_ns = int(edges.at[min(begin - 1 if begin else end, len(edges.at) - 1)])
             return False
         before = self._arc.methods
         self._arc, propagated = found

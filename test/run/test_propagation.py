@@ -19,7 +19,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
-from rb_dynamics.motion import propagation
+from rb_dynamics.motion import arc, propagation
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by, dense_kernel
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.taylor import TAYLOR
@@ -292,6 +292,66 @@ def test_commands_that_come_meanwhile_are_heeded() -> None:
 def _times(piece: int) -> Iterator[int]:
     times = {*range(piece, 3_000_000_000, piece), 2_100_000_030, 3_000_000_000}
     yield from sorted(times)
+
+
+GRAVITY = EFFECTS.replace("quadratic_drag, translation: 0.05", "linear_drag, translation: 0.03")
+BUOYED = """
+effects:
+  - {type: buoyancy, volume: 0.002, density: 1025, acceleration_world: [0, 0, -9.8], center_body: [0.1, 0, 0.1]}
+"""
+
+
+@pytest.mark.parametrize(("effects", "refused"), [("", False), (EFFECTS, False), (GRAVITY, True), (BUOYED, False)])
+@pytest.mark.parametrize(
+    "solver",
+    [
+        Solver(method="dop853", accuracy=1e-9),
+        Solver(method="dverk", accuracy=1e-7),
+        Solver(method="rk4", accuracy=1e-6),
+        Solver(method="rk4", step=1 / 256),
+        Solver(method="auto", accuracy=1e-7),
+    ],
+    ids=str,
+)
+def test_outputs_in_plain_python_are_of_array_steps(
+    solver: Solver, effects: str, refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the bits and events of one by one, also if the arrays are refused after the strides have been taken."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    scene = replace(parse_scene(SCENE.text + effects), solver=solver, output_rate=500)
+    held = [("b", Wrench((0.0, 0.2, 0.0), (0.1, 0.2, -0.1), "world", time_ns)) for time_ns in (0, 1_500_000_001)]
+    commands = [*held, ("a", Wrench((1.0, 0.0, 0.0), (0.1, 0.2, -0.1), "body", 400_000_000))]
+    taken, arrays = [0], arc.steps_from
+
+    def counted(*arguments: Any) -> Any:
+        taken.append(len(arguments[3]))
+        return None if refused else arrays(*arguments)
+
+    monkeypatch.setattr(arc, "steps_from", counted)
+    singly, together = _Everything(), _Everything()
+    one = _singly(scene, commands, singly)
+    assert taken == [0]
+    many = _run(scene, commands, together)
+
+    assert sum(taken) > 700
+    assert repr(together.events) == repr(singly.events)
+    assert together.result == singly.result
+    assert (many.sample, many.steps, many.method) == (one.sample, one.steps, one.method)
+
+
+def test_there_an_error_comes_after_all_samples_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    falling = "effects: [{type: central_gravity, gravitational_parameter: 2.0, center_world: [1, 0, 0]}]"
+    text = SCENE.text.replace("[0.1, -0.2, 0.05]", "[0, 0, 0]").replace("[0.1, 0, 0.2]", "[0, 0, 0]")
+    scene = replace(parse_scene(text + falling), solver=Solver(method="dop853", accuracy=1e-9), output_rate=300)
+    kept = []
+    for fly in (_singly, _run):
+        sink = _Everything()
+        with pytest.raises(ConvergenceError) as error:
+            fly(scene, (), sink)
+        kept.append((sink.events, sink.result, str(error.value)))
+    assert kept[0] == kept[1]
+    assert len(kept[0][0]) > 150
 
 
 def test_outputs_within_a_stride_of_taylor_are_of_one_expansion(flown: list[int]) -> None:
