@@ -265,6 +265,11 @@ def has_effects(c: Numbers) -> bool:
     return bool(c[len(c) - 1] != 0.0)
 
 
+def has_transients(c: Numbers) -> bool:
+    """Return whether there are transients at the end of `c`."""
+    return bool(has_effects(c) and c[len(c) - 1 - WIDTH] == _TRANSIENT)
+
+
 def is_attraction_or_none(c: Numbers) -> bool:
     """Return whether the only effect at the end of `c`, if there is any, is central gravity."""
     count = int(c[len(c) - 1])

@@ -21,7 +21,7 @@ from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.step_checks import is_rotation, require_finite
 from rb_dynamics.numerics.compilation import specialise
 from rb_dynamics.numerics.rotation import LAST_BITS, Quaternion, renormalize
-from rb_dynamics.numerics.vector import norm, norm_of_arrays
+from rb_dynamics.numerics.vector import dot, multiply, norm, norm_of_arrays
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
@@ -55,8 +55,8 @@ def are_finite(inertia: Inertia, phases: Numbers) -> bool:
     import numpy as np
 
     with np.errstate(all="ignore"):
-        momentum, omega = phases[10:13] + phases[24:27], phases[4:7]
-        energy = sum(momentum * momentum) / inertia.mass + sum(np.array([inertia.moments]).T * omega * omega)
+        momentum, omega = tuple(phases[10:13] + phases[24:27]), tuple(phases[4:7])
+        energy = dot(momentum, momentum) / inertia.mass + dot(omega, multiply(inertia.moments, omega))
     return bool(np.isfinite(phases).all() and np.isfinite(energy).all())
 
 

@@ -13,7 +13,14 @@ from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rb_dynamics.loads.compiled_load import EffectLoad, evaluated_by_numbers, has_effects
+from rb_dynamics.loads.compiled_load import (
+    EffectLoad,
+    GradualLoad,
+    evaluated_by_numbers,
+    evaluated_with_transients,
+    has_effects,
+    has_transients,
+)
 from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wheel_numbers import inner_torque, length_of, momentum_in, states_of
 from rb_dynamics.loads.wrench import HeldWrench
@@ -29,7 +36,7 @@ from rb_dynamics.motion.kernel_layout import (
     write_phase,
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method, SparseTableau
-from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, SUMS, PhaseState, elapsed, grown, total, two_sum
+from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, SUMS, PhaseState, grown, total, two_sum
 from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
 from rb_dynamics.numerics.compilation import compiled_by, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
@@ -59,7 +66,8 @@ class CompiledWheelLoad(NamedTuple):
     Attributes:
         numbers: the array of the kernel, see above.
         h: length of the step, s.
-        time: start of the step, s since the start of the run.
+        high: the sum of the time at the start of the step, s since the start of the run, see `PhaseState`.
+        low: its rounding error.
         position: of the centre of mass at the start, world axes, m.
         moments: of the body, principal axes.
         held: the held wrench.
@@ -67,7 +75,8 @@ class CompiledWheelLoad(NamedTuple):
 
     numbers: Numbers
     h: float
-    time: float
+    high: float
+    low: float
     position: Vector
     moments: Vector
     held: HeldWrench
@@ -88,8 +97,11 @@ def evaluated_with_wheels(
     _gain(c, load.h, stage, stage)
     for k in range(m):
         c[states + k] = (c[sums + k] + c[sums + m + k]) + c[states + k]
-    if has_effects(c):
-        at = EffectLoad(c, load.time, load.position)
+    if has_transients(c):
+        gradual = GradualLoad(c, load.high + load.low, load.position, load.high, load.low)
+        force, torque = evaluated_with_transients(gradual, t, displacement, velocity, orientation, angular_velocity)
+    elif has_effects(c):
+        at = EffectLoad(c, load.high + load.low, load.position)
         force, torque = evaluated_by_numbers(at, t, displacement, velocity, orientation, angular_velocity)
     held = add(load.held.torque_body, rotate_inverse(orientation, load.held.torque_world))
     outside = add(held, torque)
@@ -124,7 +136,7 @@ def _gain(c: Numbers, h: float, row: int, stages: int) -> None:
 def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> CompiledWheelLoad:
     """Return the load of a step from `start`, before its first stage."""
     c[STAGE] = 0.0
-    return CompiledWheelLoad(c, h, elapsed(start), total(start, POSITION), inertia.moments, held)
+    return CompiledWheelLoad(c, h, start.high[13], start.low[13], total(start, POSITION), inertia.moments, held)
 
 
 def _grow_states(c: Numbers, h: float) -> None:

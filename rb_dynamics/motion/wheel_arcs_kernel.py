@@ -298,7 +298,7 @@ def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     goal, sight = _goal_and_sight(c, f, phase)
     guess, k = f[LEARNT], LEARNT
     if guess == 0.0:
-        load = CompiledWheelLoad(c, 0.0, elapsed(phase), total(phase, POSITION), inertia.moments, held)
+        load = CompiledWheelLoad(c, 0.0, phase.high[13], phase.low[13], total(phase, POSITION), inertia.moments, held)
         guess = _steady(load, inertia, held, phase, first_guess(goal, phase))
     learnt = Learnt(min(guess, max(sight, 1.0 / NANOSECONDS)), f[k + 1], f[k + 2], f[k + 3], f[k + 4])
     length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, trials))

@@ -1046,8 +1046,8 @@ class Simulation:
             self._wheels.settle(lambda: self._torque(start), start.angular_velocity, start.inner)
         numbers, gradually = None, None
         wheels: tuple[float, ...] = ()
-        # Imbalances have no numbers for kernels, nor have transients beside wheels.
-        plain = self._wheels is not None and (self._wheels.imbalances or transients)
+        # Imbalances have no numbers for kernels.
+        plain = self._wheels is not None and self._wheels.imbalances
         if self._load_from is not None and not plain:
             clock = self._phase.high[13], self._phase.low[13]
             underway = [Underway(each, (self.time_ns - each.since_ns) / NANOSECONDS, *clock) for each in transients]

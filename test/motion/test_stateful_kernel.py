@@ -16,8 +16,11 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.stateful_kernel import StatefulSteps
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -37,6 +40,8 @@ WHEELS: tuple[Actuator, ...] = (
     ),
     ReactionWheel(name="c", axis=(1, -1, 0), inertia=0.01, max_torque=1.0, speed=3.0),
 )
+JET = Thruster(name="jet", frame="body", force=0.5, rise=0.1, fall=0.2)
+LAGGING = (Channel(lag=0.15),)
 ROD = Magnetorquer(name="rod", axis=(0, 1, 1), max_dipole=5.0)
 GRAVITY = CentralGravity(5.0, (0.2, -0.1, 0.3), gravity_gradient=True)
 NEAR = MagneticField("dipole", moment_world=(3e4, -2e5, 1e5), center_world=(0.0, 1.0, 2.0))
@@ -57,6 +62,7 @@ def told(monkeypatch: pytest.MonkeyPatch, when: str, scene: Scene, pieces: int =
         (2, "b", -4.0),
         (1, "c", 0.7),
         (1, "rod", 4.0),
+        (1, "jet", 0.15),
     ):
         if name in names:
             run.actuate(f"{name}/command", value, at * 300_000_000 + 7)
@@ -81,13 +87,21 @@ def told(monkeypatch: pytest.MonkeyPatch, when: str, scene: Scene, pieces: int =
         ((NEAR,), (ROD,)),
         # Two sources have no numbers: plain Python.
         ((EVEN, NEAR), (*WHEELS, ROD)),
+        ((GRAVITY,), (*WHEELS, JET)),
+        ((), (*WHEELS, JET)),
     ],
 )
+@pytest.mark.parametrize("channels", [(Channel(),), LAGGING])
 def test_a_run_has_the_bits_of_plain_python(
-    monkeypatch: pytest.MonkeyPatch, effects: tuple[Effect, ...], actuators: tuple[Actuator, ...], solver: Solver
+    monkeypatch: pytest.MonkeyPatch,
+    effects: tuple[Effect, ...],
+    actuators: tuple[Actuator, ...],
+    solver: Solver,
+    channels: tuple[Channel, ...],
 ) -> None:
-    """With commands on the way, and outputs between steps."""
-    scene = replace(motions.scene(BODY, START, solver, 1.0, 7.0), effects=effects, actuators=actuators)
+    """With commands on the way, lags and ramps of a thruster, and outputs between steps."""
+    scene = motions.scene(BODY, START, solver, 1.0, 7.0, channels=channels)
+    scene = replace(scene, effects=effects, actuators=actuators)
     plain = told(monkeypatch, "never", scene)
     assert told(monkeypatch, "always", scene, pieces=3) == plain
     assert len(plain) == 3
@@ -125,7 +139,9 @@ def test_kernels_take_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
         return found
 
     monkeypatch.setattr(StatefulSteps, "_after", counted)
-    scene = motions.scene(BODY, START, Solver("dop853", accuracy=1e-9), 1.0, 7.0)
-    told(monkeypatch, "always", replace(scene, effects=(GRAVITY, NEAR), actuators=(*WHEELS, ROD)))
+    scene = motions.scene(BODY, START, Solver("dop853", accuracy=1e-9), 1.0, 7.0, channels=LAGGING)
+    told(monkeypatch, "always", replace(scene, effects=(GRAVITY, NEAR), actuators=(*WHEELS, ROD, JET)))
     assert next(taken) > 10
+    monkeypatch.setattr(Stepper, "_arguments", None)
+    told(monkeypatch, "always", replace(scene, effects=(GRAVITY, NEAR), actuators=(*WHEELS, ROD, JET)))
     assert METHODS["dop853"].tableau is not None
