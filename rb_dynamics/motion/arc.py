@@ -418,7 +418,8 @@ class Stepper:
     @property
     def takes_arrays(self) -> bool:
         """Whether `from_many` is possible."""
-        return self._method.takes_arrays and self._compiles and not (self._plugins or self._gradual)
+        method = self._method
+        return method.takes_arrays and method.compiles and self._compiles and not (self._plugins or self._gradual)
 
     def from_many(self, phases: Numbers, h: Numbers, count: int) -> Numbers | None:
         """Return the phases, (`PHASE`, k), after `count` steps of h[i] s from phases[:, i] each; None if refused."""

@@ -136,7 +136,7 @@ class Method:
             identifies a step by the name of the method.
         compiles_loads: if so, whether also under the loads that it takes.
         tableau: the tableau of a method that takes a load with inner states.
-        takes_arrays: whether `step` takes numpy arrays in place of numbers, see `array_steps.py`.
+        takes_arrays: whether `step` also takes numpy arrays in place of numbers, see `array_steps.py`, if it compiles.
         dense: for a method under held wrenches alone whose steps from one start share most of their work, if it
             compiles.
     """

@@ -19,7 +19,7 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
-from rb_dynamics.motion import arc, propagation
+from rb_dynamics.motion import METHODS, arc, propagation
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by, dense_kernel
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.taylor import TAYLOR
@@ -337,6 +337,10 @@ def test_outputs_in_plain_python_are_of_array_steps(
     assert repr(together.events) == repr(singly.events)
     assert together.result == singly.result
     assert (many.sample, many.steps, many.method) == (one.sample, one.steps, one.method)
+
+
+def test_all_methods_that_take_arrays_are_among_those() -> None:
+    assert {name for name, method in METHODS.own.items() if method.takes_arrays} == {"dop853", "dverk", "rk4"}
 
 
 def test_there_an_error_comes_after_all_samples_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
