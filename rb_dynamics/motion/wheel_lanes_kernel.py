@@ -22,7 +22,7 @@ from rb_dynamics.motion.inner_states import difference
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_in, phase_in, write_phase_in
 from rb_dynamics.motion.phase_state import grown, two_sum
 from rb_dynamics.motion.stateful_kernel import MOST_STAGES, ROWS, WHEELS
-from rb_dynamics.numerics.compilation import block, lane, specialise
+from rb_dynamics.numerics.compilation import block, flat, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, scale
 
@@ -84,8 +84,8 @@ def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) ->
     # Body and wrench, phase, second result, wheels with their states, and the effect.
     c, s, other = block(CONSTANTS, LANES), block(PHASE, LANES), block(PHASE, LANES)
     w, e = block(_COLUMN, LANES), block(_EFFECT, LANES)
-    # Slopes and sums of them, row by row: the compiler only sees in an array of one axis that bodies lie side by side.
-    k, t = block(1, _SLOPES), block(1, _SUMS)
+    # Slopes and sums of them.
+    k, t = flat(block(_SLOPES, LANES)), flat(block(_SUMS, LANES))
     _read(c, 0, CONSTANTS, rows, 0)
     _read(s, 0, PHASE, rows, CONSTANTS)
     _read(w, 0, _HIGH + 2 * _M, rows, WHEELS)
@@ -126,42 +126,41 @@ def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) ->
 # Loops go over rows and bodies at once: the compiler would unroll one over bodies alone, and not vectorise it.
 def _read(a: Numbers, to: int, count: int, source: Numbers, at: int) -> None:
     """Copy rows."""
+    target, given, first, begin = flat(a), flat(source), lane(to * LANES), lane(at * LANES)
     for x in range(count * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        a[lane(to) + r, i] = source[lane(at) + r, i]
+        target[first + lane(x)] = given[begin + lane(x)]
 
 
 def _move_states(w: Numbers, t: Numbers) -> None:
     """Write the states at a stage."""
+    rows = flat(w)
     for x in range(_M * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        sums = w[lane(_HIGH) + r, i] + w[lane(_LOW) + r, i]
-        w[lane(_STATES) + r, i] = sums + t[0, lane(_MOVED * LANES) + lane(x)]
+        sums = rows[lane(_HIGH * LANES) + lane(x)] + rows[lane(_LOW * LANES) + lane(x)]
+        rows[lane(_STATES * LANES) + lane(x)] = sums + t[lane(_MOVED * LANES) + lane(x)]
 
 
 def _add_books(k: Numbers, t: Numbers, weights: Numbers, h: float) -> None:
     """Write h times the sums of twist and power, behind the other sums; see `booked`."""
     books = lane(_RESULTS * _PER_SUM * LANES)
     for x in range(4 * LANES):
-        t[0, books + lane(x)] = 0.0
+        t[books + lane(x)] = 0.0
     for stage in range(MOST_STAGES):
         weight = weights[ROWS + MOST_STAGES * MOST_STAGES + stage] * h
         if weight != 0.0:
             at = lane((stage * _PER_SLOPE + _PER_SUM) * LANES)
             for x in range(4 * LANES):
-                t[0, books + lane(x)] = t[0, books + lane(x)] + weight * k[0, at + lane(x)]
+                t[books + lane(x)] = t[books + lane(x)] + weight * k[at + lane(x)]
 
 
 def _end_states(w: Numbers, t: Numbers) -> None:
     """Write the errors of the states to where the states at a stage were, and add to their sums."""
-    fifth, third = lane((_PER_SUM + _MOVED) * LANES), lane((2 * _PER_SUM + _MOVED) * LANES)
+    rows, fifth, third = flat(w), lane((_PER_SUM + _MOVED) * LANES), lane((2 * _PER_SUM + _MOVED) * LANES)
+    high, low = lane(_HIGH * LANES), lane(_LOW * LANES)
     for x in range(_M * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        w[lane(_STATES) + r, i] = difference(t[0, fifth + lane(x)], t[0, third + lane(x)])
+        rows[lane(_STATES * LANES) + lane(x)] = difference(t[fifth + lane(x)], t[third + lane(x)])
     for x in range(_M * LANES):
-        r, i = lane(x) // lane(LANES), lane(x) % lane(LANES)
-        high, low = w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i]
-        w[lane(_HIGH) + r, i], w[lane(_LOW) + r, i] = two_sum(high, t[0, lane(_MOVED * LANES) + lane(x)], low)
+        a, b = rows[high + lane(x)], rows[low + lane(x)]
+        rows[high + lane(x)], rows[low + lane(x)] = two_sum(a, t[lane(_MOVED * LANES) + lane(x)], b)
 
 
 def _attraction(e: Numbers, i: int) -> Attraction:
@@ -182,25 +181,25 @@ def _add_up(k: Numbers, t: Numbers, weights: Numbers, h: float, row: int, stages
     begin, turns = lane(to * LANES), lane((to + _TURN) * LANES)
     if stages == 0:
         for x in range(_PER_SUM * LANES):
-            t[0, begin + lane(x)] = 0.0
+            t[begin + lane(x)] = 0.0
         return
     first = weights[ROWS + row * MOST_STAGES]
     for x in range(_PER_SUM * LANES):
-        t[0, begin + lane(x)] = first * k[0, lane(x)]
+        t[begin + lane(x)] = first * k[lane(x)]
     # Other sums than `total` begin with 0: -0 becomes 0.
     for x in range((_PER_SUM - _TURN) * LANES):
-        t[0, turns + lane(x)] = 0.0 + t[0, turns + lane(x)]
+        t[turns + lane(x)] = 0.0 + t[turns + lane(x)]
     for stage in range(1, stages):
         weight, at = weights[ROWS + row * MOST_STAGES + stage], lane(stage * _PER_SLOPE * LANES)
         if weight != 0.0:
             for x in range(_PER_SUM * LANES):
-                t[0, begin + lane(x)] = t[0, begin + lane(x)] + weight * k[0, at + lane(x)]
+                t[begin + lane(x)] = t[begin + lane(x)] + weight * k[at + lane(x)]
     for x in range(_PER_SUM * LANES):
-        t[0, begin + lane(x)] = h * t[0, begin + lane(x)]
+        t[begin + lane(x)] = h * t[begin + lane(x)]
 
 
 def _number_of(t: Numbers, r: int, i: int) -> float:
-    number: float = t[0, lane(r * LANES) + i]
+    number: float = t[lane(r * LANES) + i]
     return number
 
 
@@ -220,18 +219,18 @@ def _carried_of(t: Numbers, r: int, i: int) -> Carried:
 def _write_slope(k: Numbers, at: int, w: Numbers, i: int, found: Slope) -> None:
     (a, b, c, d), turn = found.turn
     _write_vector(k, at, 0, (a, b, c))
-    k[0, at + lane(3 * LANES)] = d
+    k[at + lane(3 * LANES)] = d
     _write_vector(k, at, 4, turn)
     _write_vector(k, at, 7, found.push)
     _write_vector(k, at, 10, found.gain)
     for r in range(_M):
-        k[0, at + lane((_MOVED + r) * LANES)] = w[_RATES + r, i]
+        k[at + lane((_MOVED + r) * LANES)] = w[_RATES + r, i]
     _write_vector(k, at, _PER_SUM, found.twist)
-    k[0, at + lane((_PER_SUM + 3) * LANES)] = found.power
+    k[at + lane((_PER_SUM + 3) * LANES)] = found.power
 
 
 def _write_vector(k: Numbers, at: int, r: int, a: Vector) -> None:
-    k[0, at + lane(r * LANES)], k[0, at + lane((r + 1) * LANES)], k[0, at + lane((r + 2) * LANES)] = a
+    k[at + lane(r * LANES)], k[at + lane((r + 1) * LANES)], k[at + lane((r + 2) * LANES)] = a
 
 
 # Of a number of wheels, see `pairs_of`.
@@ -275,8 +274,8 @@ def pairs_of(wheels: int) -> OnDemand | None:
         "_COLUMN": high + 4 * m,
         "_PER_SLOPE": _MOVED + m + 4,
         "_PER_SUM": _MOVED + m,
-        "_SLOPES": MOST_STAGES * (_MOVED + m + 4) * LANES,
-        "_SUMS": (_RESULTS * (_MOVED + m) + 4) * LANES,
+        "_SLOPES": MOST_STAGES * (_MOVED + m + 4),
+        "_SUMS": _RESULTS * (_MOVED + m) + 4,
     }
 
     def made(function: Callable[..., Any], **names: object) -> Callable[..., Any]:

@@ -89,6 +89,11 @@ def block(rows: int, lanes: int) -> Any:
     return np.empty((rows, lanes))
 
 
+def flat(matrix: Any) -> Any:
+    """Return the numbers of a contiguous matrix in a row, not copied: loops over rows and lanes at once vectorise."""
+    return matrix.reshape(-1)
+
+
 def lane(i: int) -> int:
     """Return i >= 0; unsigned when compiled, so that indexing needs no check for negative indices."""
     return i
@@ -316,6 +321,17 @@ def _provide_workspace() -> None:
 
         return array(rows, lanes), build
 
+    def in_a_row(_context: Any, matrix: Any) -> Any:
+        found = types.Array(types.float64, 1, "C")
+
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given, value = make_array(signature.args[0])(context, builder, arguments[0]), make_array(found)(context, builder)
+            width = context.get_constant(types.intp, 8)
+            populate_array(value, given.data, (given.nitems,), (width,), width, None)
+            return value._getvalue()  # noqa: SLF001
+
+        return found(matrix), build
+
     def call(_context: Any, cell: Any, c: Any, i: Any, x: Any) -> Any:
         signature = types.boolean(cell, c, i, x)
 
@@ -347,7 +363,7 @@ def _provide_workspace() -> None:
         return types.uint64(a, b), build
 
     block_on_stack, as_unsigned = intrinsic(prefer_literal=True)(matrix_on_stack), intrinsic(unsigned)
-    upper_word, called = intrinsic(upper_half), intrinsic(call)
+    upper_word, called, flattened = intrinsic(upper_half), intrinsic(call), intrinsic(in_a_row)
 
     # Inlined before compilation, so that the memory belongs to the caller. Both lambdas need the same arguments.
     # ruff: noqa: ARG005, PLW0108
@@ -355,6 +371,7 @@ def _provide_workspace() -> None:
     overload(block, inline="always", prefer_literal=True)(
         lambda rows, lanes: lambda rows, lanes: block_on_stack(rows, lanes)
     )
+    overload(flat, inline="always")(lambda matrix: lambda matrix: flattened(matrix))
     overload(lane, inline="always")(lambda i: lambda i: as_unsigned(i))
     overload(high_word, inline="always")(lambda a, b: lambda a, b: upper_word(a, b))
     overload(call_at, inline="always")(lambda cell, c, i, x: lambda cell, c, i, x: called(cell, c, i, x))
@@ -382,7 +399,7 @@ def reader(example: object) -> Any:
 
 
 _registered: dict[int, object] = {
-    id(provided): provided for provided in (workspace, block, lane, high_word, call_at, double)
+    id(provided): provided for provided in (workspace, block, flat, lane, high_word, call_at, double)
 }
 
 

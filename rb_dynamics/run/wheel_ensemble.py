@@ -316,8 +316,13 @@ class WheelSamples(Samples):
         The functions return the phases, as in `WheelEnsemble`, and for them the speeds of the wheels, and the first
         sample of each body and the present one.
         """
-        super().__init__(body, start, lambda: self.phases[:, :PHASE], time_ns)
+        super().__init__(body, start, start, time_ns)
         self._read, self._speeds, self._tell = phases, speeds, told
+
+    @cached_property
+    def _state(self) -> Numbers:
+        # No function that is given to these samples may hold them: then they would outlive their last reader.
+        return self.phases[:, :PHASE]
 
     @cached_property
     def phases(self) -> Numbers:
