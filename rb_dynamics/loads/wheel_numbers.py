@@ -63,7 +63,7 @@ def command_wheel(c: Cells, i: int, k: int, value: float, speed: float) -> None:
     a = _at(i, k)
     c[a + COMMAND], c[a + POINT] = value, _where(c, a)
     # It is still at rest or at its largest speed; it does not stay at a speed that was commanded before.
-    if not _is_point(c, a, c[a + POINT]):
+    if math.isnan(c[a + POINT]) or not _is_point(c, a, c[a + POINT]):
         _place(c, a, speed)
 
 
@@ -98,6 +98,8 @@ def settle(c: Cells, i: int, s: int, moments: Vector, torque: Vector, omega: Vec
         released = False
         spin_up = spin_up_of(c, i, s, moments, torque, omega) if is_held(c, i) else ZERO
         for k in range(int(c[i])):
+            if c[_at(i, k) + HELD] == FREE:
+                continue
             speed = speed_of(c, i, s, k, omega)
             way = _way_out(c, _at(i, k), spin_up, speed)
             if way != 0.0:
@@ -235,10 +237,11 @@ def _where(c: Cells, a: int) -> float:
 
 def _place(c: Cells, a: int, speed: float) -> None:
     """Put a wheel where it is by its speed alone."""
-    if _is_point(c, a, speed):
+    low, high, there = _around(c, a, speed)
+    if there:
         c[a + POINT], c[a + LEFT] = speed, math.nan
         return
-    _free(c, a, _below(c, a, speed), _above(c, a, speed), math.copysign(1.0, speed))
+    _free(c, a, low, high, math.copysign(1.0, speed))
 
 
 def _let_go(c: Cells, a: int, way: float, speed: float) -> None:
@@ -247,9 +250,9 @@ def _let_go(c: Cells, a: int, way: float, speed: float) -> None:
     sign = way if point == 0.0 else math.copysign(1.0, point)
     # It was caught within a nanosecond, and is past its point by that much.
     if way > 0.0:
-        _free(c, a, min(point, speed), _above(c, a, point), sign)
+        _free(c, a, min(point, speed), _around(c, a, point)[1], sign)
     else:
-        _free(c, a, _below(c, a, point), max(point, speed), sign)
+        _free(c, a, _around(c, a, point)[0], max(point, speed), sign)
     c[a + LEFT] = point
 
 
@@ -275,26 +278,18 @@ def _point(c: Cells, a: int, number: int) -> float:
 
 
 def _is_point(c: Cells, a: int, speed: float) -> bool:
-    found = False
-    for number in range(4):
-        found = found or _point(c, a, number) == speed
-    return found
+    return _around(c, a, speed)[2]
 
 
-def _below(c: Cells, a: int, speed: float) -> float:
-    low = -math.inf
+def _around(c: Cells, a: int, speed: float) -> tuple[float, float, bool]:
+    """Return the nearest points below and above a speed, infinite if there is none, and whether it is one itself."""
+    low, high, there = -math.inf, math.inf, False
     for number in range(4):
         point = _point(c, a, number)
         low = point if low < point < speed else low
-    return low
-
-
-def _above(c: Cells, a: int, speed: float) -> float:
-    high = math.inf
-    for number in range(4):
-        point = _point(c, a, number)
         high = point if speed < point < high else high
-    return high
+        there = there or point == speed
+    return low, high, there
 
 
 def _nearest(c: Cells, a: int, speed: float) -> float:
@@ -308,8 +303,6 @@ def _nearest(c: Cells, a: int, speed: float) -> float:
 
 def _way_out(c: Cells, a: int, spin_up: Vector, speed: float) -> float:
     """Return which way a held wheel is released, if nothing can hold it: up (1), down (-1) or not at all (0)."""
-    if c[a + HELD] == FREE:
-        return 0.0
     needed, least, most = _holding(c, a, spin_up, speed)
     return -1.0 if needed > most else 1.0 if needed < least else 0.0
 

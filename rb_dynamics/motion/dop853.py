@@ -19,7 +19,7 @@ from rb_dynamics.motion.explicit_runge_kutta import (
     step_constants,
     total,
 )
-from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, SparseTableau, Weights
+from rb_dynamics.motion.method import Increment, Inertia, Load, LoadDependence, Method, SparseTableau, of_stages
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, add_scaled, norm
 
@@ -218,25 +218,23 @@ def _weighted(f: StepConstants, load: Load | None) -> Slopes:
     return (k1, k6, k7, k8, k9, k10, k11, k12)
 
 
-def _of(row: tuple[float, ...], *stages: int) -> Weights:
-    return tuple(zip(stages, row, strict=True))
-
-
 _WEIGHTED = (0, *range(5, 12))
 _TABLEAU = SparseTableau(
+    NODES,
     (
         (),
-        _of(_ROW_2, 0),
-        _of(_ROW_3, 0, 1),
-        _of(_ROW_4, 0, 2),
-        _of(_ROW_5, 0, 2, 3),
+        of_stages(_ROW_2, 0),
+        of_stages(_ROW_3, 0, 1),
+        of_stages(_ROW_4, 0, 2),
+        of_stages(_ROW_5, 0, 2, 3),
         *(
-            _of(row, 0, *range(3, k))
+            of_stages(row, 0, *range(3, k))
             for k, row in enumerate((_ROW_6, _ROW_7, _ROW_8, _ROW_9, _ROW_10, _ROW_11, _ROW_12), start=5)
         ),
     ),
-    _of(_WEIGHTS, *_WEIGHTED),
-    (_of(_FIFTH, *_WEIGHTED), _of(_THIRD, *_WEIGHTED)),
+    of_stages(_WEIGHTS, *_WEIGHTED),
+    (of_stages(_FIFTH, *_WEIGHTED), of_stages(_THIRD, *_WEIGHTED)),
+    compared,
 )
 
 DOP853 = Method(

@@ -48,11 +48,26 @@ Weights = tuple[tuple[int, float], ...]
 
 
 class SparseTableau(NamedTuple):
-    """An explicit Runge-Kutta method: the weights of each stage, of the result, and of its two error estimates."""
+    """An explicit Runge-Kutta method with an embedded pair.
 
+    Attributes:
+        nodes: of the stages.
+        rows: weights of each stage.
+        weights: of the result.
+        errors: of its two error estimates, see `inner_states.difference`; without weights if there is one.
+        compared: returns both results from constants of a step, sums with `weights` and `errors`, books and load.
+    """
+
+    nodes: tuple[float, ...]
     rows: tuple[Weights, ...]
     weights: Weights
     errors: tuple[Weights, Weights]
+    compared: Callable[..., tuple[Increment, Increment]]
+
+
+def of_stages(row: tuple[float, ...], *stages: int) -> Weights:
+    """Return weights that belong to these stages."""
+    return tuple(zip(stages, row, strict=True))
 
 
 class Step(Protocol):

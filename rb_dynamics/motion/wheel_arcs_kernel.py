@@ -469,12 +469,12 @@ def _copy(f: Numbers, source: int, target: int, count: int) -> None:
 @compiled_apart
 def _stand(c: Numbers, f: Numbers, at: int) -> None:
     """Stand in one of the phases of `f`."""
-    m, sums, _ = layout(c)
+    m, sums, states = layout(c)
     for k in range(PHASE):
         c[CONSTANTS + k] = f[at + k]
-    for k in range(2 * m):
-        c[sums + k] = f[at + PHASE + k]
-    _write_states(c, c, sums)
+    for k in range(m):
+        high, low = f[at + PHASE + k], f[at + PHASE + m + k]
+        c[sums + k], c[sums + m + k], c[states + k] = high, low, high + low
 
 
 def _write_states(c: Numbers, a: Numbers, at: int) -> None:

@@ -1,4 +1,4 @@
-"""The embedded pair of DOP853 for several bodies with reaction wheels, side by side: the compiler vectorises over them.
+"""An embedded pair for several bodies with reaction wheels, side by side: the compiler vectorises over them.
 
 The bits are those of `stateful_kernel.py`, body by body: the same functions are called, stage by stage, with the
 numbers of the bodies in columns on the stack. For bodies with as many wheels, under central gravity or no effect.
@@ -15,11 +15,11 @@ from rb_dynamics.loads.compiled_load import WIDTH
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.wheel_numbers import BEFORE, BOOKS, EACH, inner_torque, momentum_in, spin_up_of
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.dop853 import NODES, compared
 from rb_dynamics.motion.explicit_runge_kutta import Carried, Slope, StepConstants, Turn, slope, step_constants
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.inner_states import difference
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_in, phase_in, write_phase_in
+from rb_dynamics.motion.method import Increment, Method
 from rb_dynamics.motion.phase_state import grown, two_sum
 from rb_dynamics.motion.stateful_kernel import MOST_STAGES, ROWS, WHEELS
 from rb_dynamics.numerics.compilation import block, flat, lane, specialise
@@ -38,7 +38,7 @@ COUNTS = (3, 4)
 # Numbers of the effect; and where in a slope push and gain begin, behind the turn, then the rates of the states; twist
 # and power follow them.
 _EFFECT, _TURN, _MOVED = 10, 7, 13
-# The results: of order 8, and the two estimates of the error.
+# The sums: of the result, and of the two estimates of its error.
 _RESULTS = 3
 
 
@@ -91,10 +91,10 @@ def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) ->
     _read(w, 0, _HIGH + 2 * _M, rows, WHEELS)
     _read(e, 0, _EFFECT, rows, len(rows) - 1 - WIDTH)
     acts = rows[len(rows) - 1, 0] != 0.0
-    for stage in range(MOST_STAGES):
+    for stage in range(_STAGES):
         _add_up(k, t, row, h, stage, stage, 0)
         _move_states(w, t)
-        ahead, to = NODES[stage], lane(stage * _PER_SLOPE * LANES)
+        ahead, to = _NODES[stage], lane(stage * _PER_SLOPE * LANES)
         for i in range(LANES):
             o = lane(i)
             f, place, time = _constants(c, s, o, h)
@@ -102,7 +102,7 @@ def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) ->
             load = _LaneLoad(w[:, o], time, place, moments, f.held, acts, _attraction(e, o))
             _write_slope(k, to + o, w, o, _slope(f, ahead, _turn_of(t, 0, o), _carried_of(t, 0, o), load))
     for result in range(_RESULTS):
-        _add_up(k, t, row, h, MOST_STAGES + result, MOST_STAGES, result * _PER_SUM)
+        _add_up(k, t, row, h, MOST_STAGES + result, _STAGES, result * _PER_SUM)
     _add_books(k, t, row, h)
     _end_states(w, t)
     for i in range(LANES):
@@ -112,7 +112,7 @@ def pairs_on_numbers(rows: Numbers, row: Numbers, results: Numbers, h: float) ->
         turns = _turn_of(t, 0, o), _turn_of(t, _PER_SUM, o), _turn_of(t, 2 * _PER_SUM, o)
         moves = _carried_of(t, 0, o), _carried_of(t, _PER_SUM, o), _carried_of(t, 2 * _PER_SUM, o)
         books = _vector_of(t, _RESULTS * _PER_SUM, o), _number_of(t, _RESULTS * _PER_SUM + 3, o)
-        step, second = compared(f, turns, moves, books, f)
+        step, second = _compared(f, turns, moves, books, f)
         off = divide(_momentum_in(w[:, o], 0, _STATES), (c[1, o], c[2, o], c[3, o]))
         new_high, new_low = grown(high, low, second, h)
         write_phase_in(other, o, second.orientation, add_scaled(second.angular_velocity, 1.0, off), new_high, new_low)
@@ -144,7 +144,7 @@ def _add_books(k: Numbers, t: Numbers, weights: Numbers, h: float) -> None:
     books = lane(_RESULTS * _PER_SUM * LANES)
     for x in range(4 * LANES):
         t[books + lane(x)] = 0.0
-    for stage in range(MOST_STAGES):
+    for stage in range(_STAGES):
         weight = weights[ROWS + MOST_STAGES * MOST_STAGES + stage] * h
         if weight != 0.0:
             at = lane((stage * _PER_SLOPE + _PER_SUM) * LANES)
@@ -233,8 +233,9 @@ def _write_vector(k: Numbers, at: int, r: int, a: Vector) -> None:
     k[at + lane(r * LANES)], k[at + lane((r + 1) * LANES)], k[at + lane((r + 2) * LANES)] = a
 
 
-# Of a number of wheels, see `pairs_of`.
-_M = _COLUMN = _HIGH = _LOW = _STATES = _RATES = _PER_SLOPE = _PER_SUM = _SLOPES = _SUMS = 0
+# Of a method and a number of wheels, see `pairs_of`.
+_NODES = (0.0,)
+_STAGES = _M = _COLUMN = _HIGH = _LOW = _STATES = _RATES = _PER_SLOPE = _PER_SUM = _SLOPES = _SUMS = 0
 
 
 def _inner_torque(*_: Any) -> Vector:
@@ -252,6 +253,11 @@ def _slope(*_: Any) -> Slope:
     raise NotImplementedError
 
 
+def _compared(*_: Any) -> tuple[Increment, Increment]:
+    """Placeholder for the results of the pair of a method."""
+    raise NotImplementedError
+
+
 def _count(c: Numbers, i: int) -> int:  # noqa: ARG001
     return _WHEELS
 
@@ -260,12 +266,15 @@ _WHEELS = 0
 
 
 @cache
-def pairs_of(wheels: int) -> OnDemand | None:
+def pairs_of(method: Method, wheels: int) -> OnDemand | None:
     """Return the kernel for bodies with so many wheels; None if there is none."""
-    if wheels not in COUNTS:
+    tableau = method.tableau
+    if tableau is None or wheels not in COUNTS:
         return None
     m, high = wheels + BOOKS, BEFORE + EACH * wheels
     sizes = {
+        "_STAGES": len(tableau.rows),
+        "_NODES": tableau.nodes,
         "_M": m,
         "_HIGH": high,
         "_LOW": high + m,
@@ -274,12 +283,12 @@ def pairs_of(wheels: int) -> OnDemand | None:
         "_COLUMN": high + 4 * m,
         "_PER_SLOPE": _MOVED + m + 4,
         "_PER_SUM": _MOVED + m,
-        "_SLOPES": MOST_STAGES * (_MOVED + m + 4),
+        "_SLOPES": len(tableau.rows) * (_MOVED + m + 4),
         "_SUMS": _RESULTS * (_MOVED + m) + 4,
     }
 
     def made(function: Callable[..., Any], **names: object) -> Callable[..., Any]:
-        return specialise(function, f"{function.__name__}_of_{wheels}", **sizes, **names)
+        return specialise(function, f"{function.__name__}_of_{wheels}_by_{method.name}", **sizes, **names)
 
     count = made(_count, _WHEELS=wheels)
     inner = made(inner_torque, count_of=count, spin_up_of=made(spin_up_of, count_of=count))
@@ -287,10 +296,11 @@ def pairs_of(wheels: int) -> OnDemand | None:
     found = made(
         pairs_on_numbers,
         _slope=made(slope, evaluated=made(_evaluated, _inner_torque=inner)),
+        _compared=tableau.compared,
         _momentum_in=made(momentum_in, count_of=count),
         **{part.__name__: made(part) for part in parts},
     )
-    return OnDemand("dop853", found, SIGNATURE, steps=2.0 * LANES)
+    return OnDemand(method.name, found, SIGNATURE, steps=2.0 * LANES)
 
 
 SIGNATURE = "void(float64[:, ::1], float64[::1], float64[:, ::1], float64)"

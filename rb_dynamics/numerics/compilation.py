@@ -325,7 +325,10 @@ def _provide_workspace() -> None:
         found = types.Array(types.float64, 1, "C")
 
         def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            given, value = make_array(signature.args[0])(context, builder, arguments[0]), make_array(found)(context, builder)
+            given, value = (
+                make_array(signature.args[0])(context, builder, arguments[0]),
+                make_array(found)(context, builder),
+            )
             width = context.get_constant(types.intp, 8)
             populate_array(value, given.data, (given.nitems,), (width,), width, None)
             return value._getvalue()  # noqa: SLF001

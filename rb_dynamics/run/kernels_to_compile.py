@@ -38,7 +38,7 @@ def all_kernels() -> dict[str, OnDemand]:
         for each in (*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m), *_with_wheels(m))
     )
     return usual_kernels() | _by_name(
-        [FREE_STATES, ADVANCE_ALL, *map(pairs_of, COUNTS), READ_ALL, FIND_TRUTHS, *others]
+        [FREE_STATES, ADVANCE_ALL, *(pairs_of(m, n) for m in methods for n in COUNTS), READ_ALL, FIND_TRUTHS, *others]
     )
 
 

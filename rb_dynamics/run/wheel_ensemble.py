@@ -25,7 +25,6 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import each_part, parts_of
-from rb_dynamics.motion.dop853 import DOP853
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, phase_numbers, phase_of
 from rb_dynamics.motion.method import Method
@@ -111,7 +110,8 @@ def _kernels(scene: Scene) -> StatefulKernels | None:
 
 def _side_by_side(scene: Scene) -> OnDemand | None:
     """Return the kernel for the pairs of several bodies, if there is one."""
-    return pairs_of(len(scene.wheels)) if scene.solver.step is None and _method(scene) is DOP853 else None
+    method = _method(scene)
+    return None if scene.solver.step is not None or method is None else pairs_of(method, len(scene.wheels))
 
 
 def _method(scene: Scene) -> Method | None:

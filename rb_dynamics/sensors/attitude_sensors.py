@@ -26,20 +26,17 @@ def turned(orientation: Quaternion, size: float, key: Key, lane: int, sample: in
     """Return an attitude with random errors of standard deviation `size` (rad) about the sensor's three axes."""
     if not size > 0.0:
         return orientation
-    a, b, c, _ = normal_numbers(key, sample, lane)
-    return normalize(multiply(orientation, exp(scale(size, (a, b, c)))))
+    return normalize(multiply(orientation, exp(scale(size, normal_numbers(key, sample, lane)))))
 
 
 def moved(position: Vector, size: float, key: Key, lane: int, sample: int) -> Vector:
     """Return a position with random errors of standard deviation `size` (m) along each axis."""
-    a, b, c, _ = normal_numbers(key, sample, lane)
-    return add_scaled(position, size, (a, b, c))
+    return add_scaled(position, size, normal_numbers(key, sample, lane))
 
 
 def seen(direction: Vector, size: float, key: Key, lane: int, sample: int) -> Vector:
     """Return a unit vector with random errors of standard deviation `size` (rad) about the axes across it."""
-    a, b, c, _ = normal_numbers(key, sample, lane)
-    found = add(direction, cross(scale(size, (a, b, c)), direction))
+    found = add(direction, cross(scale(size, normal_numbers(key, sample, lane)), direction))
     return scale(1.0 / norm(found), found)
 
 

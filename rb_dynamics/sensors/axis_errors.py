@@ -137,11 +137,9 @@ def measured(n: AxisNumbers, bias: Vector, key: Key, lane: int, sample: int, tru
     x, y, z = rotate(n.turn, true)
     found, following = add((n.gain[0] * x, n.gain[1] * y, n.gain[2] * z), bias), bias
     if n.white > 0.0:
-        a, b, c, _ = normal_numbers(key, sample, lane)
-        found = add_scaled(found, n.white, (a, b, c))
+        found = add_scaled(found, n.white, normal_numbers(key, sample, lane))
     if n.step > 0.0:
-        a, b, c, _ = normal_numbers(key, sample, lane + 1)
-        following = add_scaled(bias, n.step, (a, b, c))
+        following = add_scaled(bias, n.step, normal_numbers(key, sample, lane + 1))
     return (_shown(n, found[0]), _shown(n, found[1]), _shown(n, found[2])), following
 
 

@@ -11,6 +11,7 @@ import hashlib
 import math
 
 from rb_dynamics.numerics.compilation import compiled_apart, high_word, lane
+from rb_dynamics.numerics.vector import Vector
 
 _WORD = 2**64 - 1
 _FIRST, _SECOND = 0xD2E7470EE14C6C93, 0xCA5A826395121157
@@ -39,10 +40,10 @@ def uniform_numbers(key: Key, sample: int, number: int) -> Four:
 
 
 @compiled_apart
-def normal_numbers(key: Key, sample: int, number: int) -> Four:
-    """Return four numbers of the normal distribution with standard deviation 1, of lane `number` of a sample."""
-    a, b, c, d = uniform_numbers(key, sample, number)
-    return _normal(a), _normal(b), _normal(c), _normal(d)
+def normal_numbers(key: Key, sample: int, number: int) -> Vector:
+    """Return three numbers of the normal distribution with standard deviation 1, of lane `number` of a sample."""
+    a, b, c, _ = uniform_numbers(key, sample, number)
+    return _normal(a), _normal(b), _normal(c)
 
 
 def _between(word: int) -> float:
@@ -125,6 +126,6 @@ class RandomNumbers:
         """Return four numbers between 0 and 1, both excluded, of one lane of a sample."""
         return uniform_numbers(self.key, sample, number)
 
-    def normal(self, sample: int, number: int) -> Four:
-        """Return four numbers of the normal distribution with standard deviation 1."""
+    def normal(self, sample: int, number: int) -> Vector:
+        """Return three numbers of the normal distribution with standard deviation 1."""
         return normal_numbers(self.key, sample, number)

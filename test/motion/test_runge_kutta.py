@@ -209,7 +209,7 @@ class TestUnderALoad:
 
     @each_method
     def test_is_declared(self, method: Method) -> None:
-        expected = LoadDependence.STATES if method.name == "dop853" else LoadDependence.ANY
+        expected = LoadDependence.STATES if method.name in ("dverk", "dop853") else LoadDependence.ANY
         assert method.takes is expected
         assert (method.pair is None) == (method.name not in ("rkmk54", "dverk", "dop853"))
 
@@ -284,7 +284,12 @@ class TestPair:
 
         found = orders(lambda *arguments: pair(*arguments)[1], time, (32, 48, 64, 96))
 
-        assert found == {quantity: pytest.approx(order, abs=0.2) for quantity in found}
+        expected = {quantity: pytest.approx(order, abs=0.2) for quantity in found}
+        if name == "dverk":
+            # The books are those of the step; only the work contains an impulse of the second result.
+            assert found.pop("torque_impulse") >= 5.8
+            del expected["torque_impulse"]
+        assert found == expected
 
     def test_both_of_dverk_are_of_their_order_under_a_held_wrench_alone(self) -> None:
         """With displacement from forces, and work from the mean velocity."""

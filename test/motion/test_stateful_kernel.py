@@ -76,7 +76,9 @@ def told(monkeypatch: pytest.MonkeyPatch, when: str, scene: Scene, pieces: int =
 
 
 @needs_numba
-@pytest.mark.parametrize("solver", [Solver("dop853", step=0.05), Solver("dop853", accuracy=1e-9)])
+@pytest.mark.parametrize(
+    "solver", [Solver("dop853", step=0.05), Solver("dop853", accuracy=1e-9), Solver("dverk", accuracy=1e-7)]
+)
 @pytest.mark.parametrize(
     ("effects", "actuators"),
     [

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import random
+import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +36,7 @@ SOLVERS = {
     "auto with a step": Solver("auto", step=0.05, accuracy=None),
     "dop853": Solver("dop853", accuracy=1e-9),
     "dop853 with a step": Solver("dop853", step=0.03, accuracy=None),
+    "dverk": Solver("dverk", accuracy=1e-7),
 }
 
 
@@ -124,16 +127,16 @@ def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch,
     assert together_as_alone(scenes, times, given).clipped.sum() > 0.0
 
 
-@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize(("count", "solver"), [(2, "dop853"), (3, "auto"), (3, "dverk"), (4, "dop853")])
 @pytest.mark.parametrize("acting", [True, False])
 def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
-    monkeypatch: pytest.MonkeyPatch, count: int, acting: bool
+    monkeypatch: pytest.MonkeyPatch, count: int, solver: str, acting: bool
 ) -> None:
     """Those that try the same stride do so side by side; wheels that come to rest or to their limits interrupt it."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     draw, scenes = random.Random(count), []
     for number in range(LANES + 3):
-        scene = satellite(number, SOLVERS["auto" if count == 3 else "dop853"], "torque")
+        scene = satellite(number, SOLVERS[solver], "torque")
         fourth = replace(scene.wheels[0], name="w3", axis=scene.wheels[1].axis)
         wheels = (*scene.wheels, fourth)[:count]
         scenes.append(replace(scene, actuators=wheels, effects=scene.effects if acting else (), duration=10.0))
@@ -169,6 +172,21 @@ def test_wheels_that_come_back_within_a_step_have_the_bits_of_themselves_alone(
     monkeypatch.setattr(Simulation, "_switch", lambda s, phase: (switched.append(s), switch(s, phase)))
     together_as_alone(scenes, [0, 1_100_000_000, 3_200_000_000], [[[math.nan]] * 4] * 3)
     assert [switched.count(run) for run in dict.fromkeys(switched)] == [2, 2, 2, 2]
+
+
+def test_samples_end_with_their_last_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the bodies move on, the phases of samples that somebody still has are copied."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    bodies = WheelEnsemble([satellite(0, SOLVERS["auto"], "torque")], 1)
+    samples = bodies.samples()
+    assert samples.wheel_speeds.shape == (1, 3)
+    known = weakref.ref(samples)
+    gc.disable()
+    try:
+        del samples
+        assert known() is None
+    finally:
+        gc.enable()
 
 
 def test_under_regular_commands_a_period_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:

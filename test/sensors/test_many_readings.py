@@ -109,7 +109,7 @@ def test_normal_numbers_are_those_of_the_standard_library() -> None:
     for number in range(2000):
         key = key_of(number, "x")
         shares = uniform_numbers(key, number, 1)
-        expected = tuple(map(NormalDist().inv_cdf, shares))
+        expected = tuple(map(NormalDist().inv_cdf, shares[:3]))
         assert normal_numbers(key, number, 1) == pytest.approx(expected, rel=1e-15)
 
 
