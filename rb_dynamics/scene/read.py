@@ -182,27 +182,6 @@ def rest_is_independent(scene: Scene) -> bool:
     return kinds <= known and scene.past is None and not scene.body.is_particle
 
 
-def scene_with(base: Scene, tree: document.Node, problems: Problems) -> Scene | None:
-    """Return `base`, whose `rest_is_independent`, with body, initial state and seed of `tree`, without its text.
-
-    None if it is not valid: `scene_of` then says why.
-    """
-    root = Field(tree, "", problems).section(ROOT_KEYS, _NESTED_KEYS)
-    reading, frames = body_and_frames(root)
-    initial = initial_state(root.section("initial", INITIAL_KEYS), reading.body)
-    seed, body = int(root.number("seed", _SEED, 0.0)), reading.body
-    if body is None or body.is_particle or reading.file or problems:
-        return None
-    findings, surface = reading.findings, reading.surface
-    try:
-        # Effects and actuators check the body.
-        return replace(
-            base, body=body, frames=frames, initial=initial, seed=seed, text="", findings=findings, surface=surface
-        )
-    except SceneError:
-        return None
-
-
 def with_true_text(scene: Scene) -> Scene:
     """Return `scene` with a text that describes it, if its own does not, as after `replace`.
 

@@ -8,17 +8,21 @@ sample is the inertia of a real body.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.document import Node
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.overrides import apply_overrides
-from rb_dynamics.scene.read import parse_scene, rest_is_independent, scene_of, scene_with
+from rb_dynamics.scene.overrides import apply_overrides, find
+from rb_dynamics.scene.read import parse_scene, rest_is_independent, scene_of
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.sampling import seed_of_run
 
@@ -27,7 +31,10 @@ FACTORS = tuple(f"{INERTIA}.second_moment[{i}]" for i in range(3))
 AXES = tuple(f"{INERTIA}.turn[{i}]" for i in range(3))
 TURNS = tuple(f"{ORIENTATION}.turn[{i}]" for i in range(3))
 ANYHOW = tuple(f"{ORIENTATION}.any[{i}]" for i in range(3))
-_FEW = ("world_frame", "body", "initial", "seed")
+_NUMBERS = {"seed", "body.mass", "body.center_of_mass", INERTIA, ORIENTATION}
+_ELEMENT = re.compile(
+    r"(body\.center_of_mass|initial\.(?:position_world|linear_velocity_world|angular_velocity_body))\[([0-2])\]"
+)
 
 
 class Scenes:
@@ -45,10 +52,13 @@ class Scenes:
         self.base = scene_of(_copy(self._tree), problems, campaign.scene_text)
         self._keys = {each.name for each in campaign.inputs if not each.whole and not each.name.startswith("control.")}
         self._wholes = {each.whole for each in campaign.inputs}
-        sections = self._tree.value if isinstance(self._tree.value, dict) else {}
-        few = {key: node for key, node in sections.items() if key in _FEW}
-        # What alone has to be read again where no other section changes.
-        self._few = replace(self._tree, value=few) if rest_is_independent(self.base) else None
+        stated = any(find(self._tree, f"{INERTIA}.{form}") for form in ("matrix", "diagonal", "principal"))
+        # Whether a run with other numbers of body and initial state need not be read.
+        self._is_known = (
+            rest_is_independent(self.base)
+            and (stated or INERTIA in self._wholes)
+            and find(self._tree, "initial.linear_velocity_body") is None
+        )
 
     def scene(self, values: Mapping[str, float], run: int = 0) -> Scene:
         """Return the scene of a run with these inputs, without its text.
@@ -57,14 +67,40 @@ class Scenes:
             SceneError: the scene is not valid with these inputs.
         """
         changes = self.overrides(values, run)
-        if self._few is not None and all(map(_is_of_few, changes)):
-            problems, tree = Problems(self._campaign.source), _copy(self._few)
-            apply_overrides(tree, changes, problems)
-            if found := scene_with(self.base, tree, problems):
-                return found
+        if self._is_known and (found := self._changed(changes)):
+            return found
         problems, tree = Problems(self._campaign.source), _copy(self._tree)
         apply_overrides(tree, changes, problems)
         return scene_of(tree, problems, "")
+
+    def _changed(self, changes: Mapping[str, Any]) -> Scene | None:
+        """Return the base scene with these numbers, without its text; None if others change, or it is not valid."""
+        base, found = self.base, dict[str, Any]()
+        for key, value in changes.items():
+            if key in _NUMBERS:
+                found[key] = value
+            elif match := _ELEMENT.fullmatch(key):
+                part, name = match[1].split(".")
+                vector = list(found.get(match[1], getattr(getattr(base, part), name)))
+                vector[int(match[2])] = value
+                found[match[1]] = vector
+            else:
+                return None
+        mass, center = (found.pop(key, getattr(base.body, key[5:])) for key in ("body.mass", "body.center_of_mass"))
+        inertia, seed = found.pop(INERTIA, None), found.pop("seed", base.seed)
+        if ORIENTATION in found:
+            found["initial.orientation_xyzw"] = tuple(found.pop(ORIENTATION).values())
+        try:
+            if inertia is None:
+                body = replace(base.body, mass=mass, center_of_mass=center)
+            else:
+                moments, axes = inertia["principal"].values()
+                body = RigidBody.from_principal(mass, moments, tuple(axes.values()), center)
+            initial = replace(base.initial, **{key.removeprefix("initial."): vector for key, vector in found.items()})
+            # Effects and actuators check the body.
+            return replace(base, body=body, initial=initial, seed=seed, text="", findings=(), surface=None)
+        except (RigidBodyError, ValueError):
+            return None
 
     def whole(self, values: Mapping[str, float], run: int = 0) -> Scene:
         """Return the scene of a run with these inputs, with its complete text.
@@ -131,11 +167,6 @@ def _turn(values: Mapping[str, float], names: Sequence[str]) -> Quaternion:
     """Return the rotation by the vector with these names, rad."""
     x, y, z = (values[name] for name in names)
     return exp((x, y, z))
-
-
-def _is_of_few(key: str) -> bool:
-    # Frames have names, which other sections mention.
-    return key.startswith(("body.mass", "body.center_of_mass", "body.inertia", "initial.")) or key == "seed"
 
 
 def _copy(node: Node) -> Node:

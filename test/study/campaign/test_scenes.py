@@ -52,12 +52,15 @@ def read_in_full(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
     return found
 
 
+@pytest.mark.parametrize("body", ["inertia: {second_moments: 0.05, axes: 0.02}", "mass: {normal: {deviation: 0.1}}"])
 def test_scenes_of_which_few_sections_change_are_those_read_in_full(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str
 ) -> None:
-    few, rows = scenes(tmp_path)
-    whole, _ = scenes(tmp_path)
-    whole._few = None
+    center = "center_of_mass: {normal: {deviation: 0.01}}"
+    campaign = CAMPAIGN.replace("body.inertia: {second_moments: 0.05, axes: 0.02}", f"body.{body}\n  body.{center}")
+    few, rows = scenes(tmp_path, campaign)
+    whole, _ = scenes(tmp_path, campaign)
+    whole._is_known = False
     full = read_in_full(monkeypatch)
     found = [few.scene(values, run) for run, values in enumerate(rows)]
     assert not full
@@ -88,7 +91,7 @@ def test_what_no_run_can_have_is_refused_as_in_a_scene(tmp_path: Path, reason: s
     """A wheel heavier than the body that it is in, and a rate that is no number."""
     few, rows = scenes(tmp_path)
     whole, _ = scenes(tmp_path)
-    whole._few = None
+    whole._is_known = False
     light = dict.fromkeys(FACTORS, 1e-5) if "inertia" in reason else {"initial.angular_velocity_body[0]": math.nan}
     messages = []
     for found in (few, whole):
