@@ -23,6 +23,7 @@ from rb_dynamics.motion.propagation_kernel import CHANGE, DONE
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Learnt, OwnControl, StepControl, WholeArc
 from rb_dynamics.numerics.argument_checks import number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, SHORTEST_STEP
+from rb_dynamics.numerics.vector import Vector
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 
 OPEN_END_HORIZON = 3600.0
@@ -255,21 +256,7 @@ class Plan:
 
     def control_of(self, method: Method) -> StepControl:
         """Return a control of the steps of a run by `method`, that of the scene or a candidate of `auto`."""
-        solver = self._scene.solver
-        if method.order is None:
-            return WholeArc()
-        if solver.step is not None:
-            expected = f"a number of {SHORTEST_STEP:g} or more (s), because shorter steps would not advance the run"
-            control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
-            control.require_few(self._scene.end_ns or 0, f"{self._scene.source}: solver.step", SceneError)
-            return control
-        accuracy, horizon = self._accuracy, self._horizon
-        if method.longest_step is not None:
-            return OwnControl(accuracy, horizon, ends=self._ends)
-        pair = method.pair is not None
-        return AccuracyControl(
-            accuracy, horizon, method.order, self._inertia, embedded=pair, ends=self._ends, start=self._start
-        )
+        return control_of(self._scene, method, self._start, self._horizon)
 
     def _steps(self, method: Method | None) -> str:
         solver = self._scene.solver
@@ -278,6 +265,23 @@ class Plan:
         if solver.step is not None:
             return f"step {solver.step!r} s"
         return f"steps for an accuracy of {self._accuracy!r} after {self._length!r} s"
+
+
+def control_of(scene: Scene, method: Method, start: Vector, horizon: float) -> StepControl:
+    """Return a control of the steps of a run by `method`, from a centre of mass (m) to a time (s)."""
+    solver, ends = scene.solver, bool(scene.duration)
+    if method.order is None:
+        return WholeArc()
+    if solver.step is not None:
+        expected = f"a number of {SHORTEST_STEP:g} or more (s), because shorter steps would not advance the run"
+        control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
+        control.require_few(scene.end_ns or 0, f"{scene.source}: solver.step", SceneError)
+        return control
+    accuracy = solver.accuracy or DEFAULT_ACCURACY
+    if method.longest_step is not None:
+        return OwnControl(accuracy, horizon, ends=ends)
+    inertia, pair = inertia_of(scene.body), method.pair is not None
+    return AccuracyControl(accuracy, horizon, method.order, inertia, embedded=pair, ends=ends, start=start)
 
 
 def _of_phase(part: Callable[[Point], float], body: RigidBody) -> OfPhase:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -45,10 +45,10 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, add, norm, scale
 from rb_dynamics.run.ensemble import body_of_arrays, initial_phases
-from rb_dynamics.run.plan import Plan
+from rb_dynamics.run.plan import control_of
 from rb_dynamics.run.sample import Sample, SampleBuilder, torque_impulse
 from rb_dynamics.run.sample_arrays import Samples, field
-from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.model import Scene, Solver
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,7 +77,12 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
         return None
     numbers = effects.numbers(0.0)
     changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None
-    if numbers is None or changing or _kernels(scene) is None or (rods and source_numbers(scene.effects) is None):
+    if (
+        numbers is None
+        or changing
+        or _kernels(scene.solver) is None
+        or (rods and source_numbers(scene.effects) is None)
+    ):
         return None
     names = *((wheel.name, wheel.command) for wheel in wheels), *(rod.name for rod in rods)
     return scene.solver, scene.end_ns, names, len(numbers)
@@ -90,35 +95,36 @@ def rods_of(scene: Scene) -> list[Magnetorquer]:
 
 def kernels_at_hand(scene: Scene) -> bool:
     """Return whether nothing has to be compiled for an ensemble."""
-    kernels = _kernels(scene)
+    kernels = _kernels(scene.solver)
     needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair, _side_by_side(scene))
     # Each is asked for, also if another is missing.
     found = [each.get(_AHEAD, _AHEAD) for each in needed if each is not None]
     return bool(found) and None not in found
 
 
-def _kernels(scene: Scene) -> StatefulKernels | None:
-    """Return the kernels of the method of a scene with wheels; None if it has none, or may use another method too."""
-    method = _method(scene)
+@cache
+def _kernels(solver: Solver) -> StatefulKernels | None:
+    """Return the kernels of the method for a scene with wheels; None if it has none, or may use another method too."""
+    method = _method(solver)
     kernels = None if method is None else stateful_kernels(method)
     if kernels is None or method is None:
         return None
-    if scene.solver.step is None:
+    if solver.step is None:
         return None if kernels.pair is None or method.longest_step is not None else kernels
-    return kernels if (Fraction(repr(scene.solver.step)) * NANOSECONDS).denominator == 1 else None
+    return kernels if (Fraction(repr(solver.step)) * NANOSECONDS).denominator == 1 else None
 
 
 def _side_by_side(scene: Scene) -> OnDemand | None:
     """Return the kernel for the pairs of several bodies, if there is one."""
-    method = _method(scene)
+    method = _method(scene.solver)
     return None if scene.solver.step is not None or method is None else pairs_of(method, len(scene.wheels))
 
 
-def _method(scene: Scene) -> Method | None:
-    if scene.solver.method != "auto":
-        return METHODS.get(scene.solver.method)
+def _method(solver: Solver) -> Method | None:
+    if solver.method != "auto":
+        return METHODS.get(solver.method)
     names = CANDIDATES[ReactionWheel.takes]
-    return METHODS[names[0]] if len(names) == 1 or scene.solver.step is not None else None
+    return METHODS[names[0]] if len(names) == 1 or solver.step is not None else None
 
 
 class WheelEnsemble:
@@ -144,7 +150,7 @@ class WheelEnsemble:
         import numpy as np
 
         self._scenes, first, self._threads = tuple(scenes), scenes[0], threads or cores()
-        kernels = _kernels(first)
+        kernels = _kernels(first.solver)
         if kernels is None:
             raise SceneError(f"{first.source}: found a scene that cannot be in an ensemble with wheels")
         ahead = _AHEAD * len(scenes)
@@ -424,6 +430,7 @@ def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[fl
 
     wheels, inertia = WheelSet(scene.wheels, scene.body), inertia_of(scene.body)
     phase = PhaseState.of(scene.body, scene.initial)
+    start = phase.center_of_mass_world
     phase = phase.with_inner(wheels.begin(phase.angular_velocity))
     held, effects = in_principal_axes(scene.body, HeldWrench()), scene.combined_effects.numbers(0.0) or ()
     if rods_of(scene):
@@ -435,8 +442,8 @@ def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[fl
     count, sums, states = layout(numbers)
     numbers[sums : states + count] = *phase.high[SUMS:], *phase.low[SUMS:], *phase.inner
     arc, whole = [0.0] * (GRID_POINT + 2 * size_of(count)), [0] * WHOLE
-    method = _method(scene)
-    control = None if method is None else Plan(scene).control_of(method)
+    method = _method(scene.solver)
+    control = None if method is None else control_of(scene, method, start, scene.duration or 0.0)
     if isinstance(control, FixedStep):
         whole[LENGTH] = control.length
     elif isinstance(control, AccuracyControl):
