@@ -14,8 +14,8 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
     alone, in turn.
 `spacecraft`: COUNT runs (default 400) of config/campaigns/spacecraft.yaml, as `accuracy`.
 `satellite`: 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and star tracker at 2 Hz,
-    attitude_pd, gravity gradient; blocks of 200 and of 2000 runs, as in large campaigns. COUNT runs (default 100) in
-    Basilisk, as for `peer`, with steps of 0.1 s.
+    attitude_pd, gravity gradient; in turn in Basilisk, COUNT runs (default 100) as for `peer`, with steps of 0.1 s, and
+    in a block of 2000 runs by `dverk` and by `auto`, three times; and where the time goes.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -82,7 +82,7 @@ actuators:
 sensors:
   - {{type: imu, name: imu, rate: 2.0, gyro: {{noise_density: {GYRO_NOISE}}}}}
   - {{type: star_tracker, name: tracker, rate: 2.0, noise: {TRACKER_NOISE}}}
-solver: {{accuracy: 1.0e-6}}
+solver: {{method: METHOD, accuracy: 1.0e-6}}
 output_rate: 2.0
 """
 SATELLITES = """\
@@ -306,28 +306,71 @@ def satellite(runs: int, python: str) -> None:
     from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
     from rb_dynamics.study.campaign.read import read_campaign
 
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "scene.yaml").write_text(SATELLITE)
-        text = SATELLITES.format(end=END, runs=SIDE_BY_SIDE, stiffness=STIFFNESS, damping=DAMPING)
-        Path(folder, "campaign.yaml").write_text(text)
-        found = read_campaign(Path(folder, "campaign.yaml"))
-        rows = simulate_block(found, 0, runs, 1)
-        times = {
-            size: seconds(lambda size=size: simulate_block(found, 0, size, 1)) / size for size in (200, SIDE_BY_SIDE)
-        }
-    tasks = {"spins": [rows[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
-    tasks["inertias"] = _inertias(found, runs)
-    answer = subprocess.run(
-        [python, __file__, "basilisk_satellite"], input=json.dumps(tasks), capture_output=True, text=True, check=True
-    )
-    peer = json.loads(answer.stdout.splitlines()[-1])
-    theirs = min(peer["times"])
-    print(f"Basilisk                       {theirs * 1e3:9.3f} ms a run ({peer['version']})")
-    for size, ours in times.items():
-        print(f"rb_dynamics, blocks of {size:5d}   {ours * 1e3:9.3f} ms a run, ratio {theirs / ours:6.1f}")
-    rates = {"rb_dynamics": rows["final_rate"].tolist(), "Basilisk": peer["final_rates"]}
-    for name, final in rates.items():
-        print(f"{name:<12} median of the final rates {sorted(final)[runs // 2]:.2e} rad/s (other noise)")
+    def found(method: str, end: float = END) -> Any:
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder, "scene.yaml").write_text(SATELLITE.replace("METHOD", method))
+            text = SATELLITES.format(end=end, runs=SIDE_BY_SIDE, stiffness=STIFFNESS, damping=DAMPING)
+            Path(folder, "campaign.yaml").write_text(text)
+            return read_campaign(Path(folder, "campaign.yaml"))
+
+    def ours(campaign: Any) -> float:
+        return seconds(lambda: simulate_block(campaign, 0, SIDE_BY_SIDE, 1), 1) / SIDE_BY_SIDE
+
+    campaigns = {method: found(method) for method in ("dverk", "auto")}
+    rows = {method: simulate_block(campaign, 0, runs, 1) for method, campaign in campaigns.items()}
+    first = rows["auto"]
+    tasks = {"spins": [first[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
+    tasks["inertias"] = _inertias(campaigns["auto"], runs)
+    ratios: dict[str, list[tuple[float, float]]] = {method: [] for method in campaigns}
+    for _ in range(REPEATS):
+        answer = subprocess.run(
+            [python, __file__, "basilisk_satellite"],
+            input=json.dumps(tasks),
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        peer = json.loads(answer.stdout.splitlines()[-1])
+        theirs = min(peer["times"])
+        print(f"Basilisk             {theirs * 1e3:9.3f} ms a run ({peer['version']})", flush=True)
+        for method, campaign in campaigns.items():
+            taken = ours(campaign)
+            ratios[method].append((theirs / taken, taken))
+            print(f"rb_dynamics, {method:<6}  {taken * 1e3:9.3f} ms a run, ratio {theirs / taken:6.1f}", flush=True)
+    for method, each in ratios.items():
+        ratio, taken = sorted(each)[len(each) // 2]
+        print(f"median, {method:<6}       {taken * 1e3:9.3f} ms a run, ratio {ratio:6.1f}")
+    where_it_goes(lambda: ours(campaigns["dverk"]), ours(found("dverk", 0.5)))
+    for method, row in rows.items():
+        print(f"{method:<12} median of the final rates {sorted(row['final_rate'].tolist())[runs // 2]:.2e} rad/s")
+    print(f"Basilisk     median of the final rates {sorted(peer['final_rates'])[runs // 2]:.2e} rad/s (other noise)")
+
+
+def where_it_goes(whole: Callable[[], float], start: float) -> None:
+    """Print the shares of scene and start, of compiled kernels by the number of their arguments, and of the rest."""
+    from rb_dynamics.numerics.object_code import Native
+
+    spent, call = dict[int, float](), Native.__call__
+    names = {14: "motion", 6: "sensors", 4: "what sensors sense"}
+
+    def timed(kernel: Any, *arguments: Any) -> Any:
+        begin = time.process_time()
+        found = call(kernel, *arguments)
+        spent[1 + len(arguments)] = spent.get(1 + len(arguments), 0.0) + time.process_time() - begin
+        return found
+
+    Native.__call__ = timed  # type: ignore[method-assign]
+    try:
+        taken = whole()
+    finally:
+        Native.__call__ = call  # type: ignore[method-assign]
+    from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE
+
+    shares = {f"kernel of {names.get(n, n)}": used / SIDE_BY_SIDE for n, used in spent.items()}
+    shares["scene and start"] = start
+    shares["law and loop"] = taken - sum(shares.values())
+    for name, share in shares.items():
+        print(f"  {name:<30} {share * 1e6:7.0f} us a run, {share / taken:4.0%}")
 
 
 def under_effects(runs: int) -> None:

@@ -68,6 +68,8 @@ def instances(values: object, kind: type[T], name: str, remedy: str) -> tuple[T,
     Raises:
         TypeError: it is not a sequence, or an item is of another type.
     """
+    if type(values) is tuple and all(isinstance(value, kind) for value in values):
+        return values
     found = items(values, name, f"a sequence of {kind.__name__}")
     return tuple(instance(value, kind, f"{name}[{k}]", remedy) for k, value in enumerate(found))
 

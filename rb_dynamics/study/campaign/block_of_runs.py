@@ -159,8 +159,13 @@ def _groups(campaign: Campaign, runs: list[_Run]) -> list[list[_Run]]:
     if together and _together(campaign, together):
         return [together, *([run] for run in runs if not _on_grid(campaign, run))]
     found: dict[object, list[_Run]] = {}
+    shared: dict[int, object] = {}
     for run in runs:
-        found.setdefault(_shared(campaign, run) or run.number, []).append(run)
+        # Scenes with the very actuators of the base scene differ from it in numbers of body and initial state alone.
+        same = id(run.scene.actuators or run)
+        if same not in shared:
+            shared[same] = _shared(campaign, run)
+        found.setdefault(shared[same] or run.number, []).append(run)
     return list(found.values())
 
 
