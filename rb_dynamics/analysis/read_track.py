@@ -42,6 +42,7 @@ from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.topics_of_channels import of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
@@ -61,6 +62,7 @@ class TopicChoice:
         frames: the pose is that of the second frame in the first, from /tf and /tf_static.
         alone: of the motion, only what these topics contain counts: the twist of an Odometry whose pose is chosen, but
             not what another topic contains.
+        near: topic of the motion, in another bag, of the body whose wrenches these are.
     """
 
     pose: str = ""
@@ -68,6 +70,7 @@ class TopicChoice:
     wrenches: tuple[str, ...] = ()
     frames: tuple[str, str] | None = None
     alone: bool = False
+    near: str = ""
 
 
 def read_track(bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None) -> Track:
@@ -136,7 +139,7 @@ class _TrackReader:
             scene = None
         self.bag, self.scene, self.choice = bag, scene, choice
         self.uses: dict[str, str] = {}
-        self.parent = ""
+        self.parent = self.doubt = ""
         self.specific_force: TimeSeries | None = None
 
     def track(self) -> Track:
@@ -187,6 +190,7 @@ class _TrackReader:
             wrenches=wrenches,
             acted=acted,
             unrecorded=unrecorded,
+            doubt=self.doubt,
             body=body,
             body_from=body_from,
             notes=tuple(self.notes),
@@ -526,6 +530,9 @@ class _TrackReader:
         applied = [topic for topic in applied if own or not self._distance(topic)] or applied
         if not own and not applied:
             topics = [topic for topic in topics if self.bag.topics[topic].count]
+        if not own and not asked:
+            applied = self._of_body_here(applied)
+            topics = applied or self._of_body_here(topics)
         chosen = applied if (own or applied) and not asked else topics
         channels = channels_of(chosen, self.scene, chosen_for)
         if topics and not (own or applied):
@@ -547,6 +554,24 @@ class _TrackReader:
                     "SCENE."
                 )
         return steps, own or bool(chosen)
+
+    def _of_body_here(self, topics: Sequence[str]) -> list[str]:
+        """Return those of wrench `topics` that act on the body whose motion is used."""
+        moving = [
+            topic.name
+            for topic in self.bag.topics.values()
+            if topic.type_name in {*POSES, *TWISTS, *IMUS} and topic.count and not _commanded(topic.name)
+        ]
+        used = [name for name in moving if name in self.uses]
+        motion = self.choice.near or next(iter(used), "")
+        names = [channel.topic for channel in self.scene.channels] if self.scene else []
+        kept, self.doubt = of_one_body(topics, names, motion, [name for name in moving if name not in self.uses])
+        if others := [topic for topic in topics if topic not in kept]:
+            self.notes.append(
+                f"Of the wrenches, {', '.join(kept)} are taken, which are nearest to {motion}, and not those of other "
+                f"bodies ({', '.join(others)}); --wrench-topic chooses others."
+            )
+        return kept
 
     def _as_in_scene(self, channels: Mapping[str, Channel]) -> str:
         """Return what else is assumed of commands by their topics and of what acts, as the end of a sentence."""
@@ -576,7 +601,7 @@ class _TrackReader:
             doubt = which_channel(told, self.scene)
         joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
         return "; ".join(
-            [f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt)
+            [f"{each} (choose it with --wrench-topic TOPIC=CHANNEL)" for each in (self.doubt, doubt) if each]
             + [f"the scene has {', '.join(found)}"] * bool(found)
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )

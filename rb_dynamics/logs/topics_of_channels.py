@@ -1,9 +1,10 @@
-"""`names_in_scene`: which recorded topic is which channel or actuator of a scene."""
+"""`names_in_scene`: which recorded topic is which channel or actuator; `of_one_body`: those of one body."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
+from itertools import takewhile
 
 from rb_dynamics.logs.messages import APPLIED
 
@@ -41,3 +42,38 @@ def names_in_scene(
     often = Counter(each for pair in fitting for each in pair)
     match((topic, name) for topic, name in fitting if often[topic] == often[name] == 1)
     return found
+
+
+def of_one_body(
+    topics: Iterable[str], names: Iterable[str], motion: str, others: Iterable[str] = ()
+) -> tuple[list[str], str]:
+    """Return the topics that command the body whose motion is on `motion`, and why that cannot be told; "" if it can.
+
+    Of topics of one name in several namespaces, the channel's own is the body's, else that whose namespace is nearest
+    to that of the motion, unless a motion of another body, one of `others`, is nearer still.
+    """
+    channels = sorted((name.removeprefix("/") for name in names), key=len, reverse=True)
+    alike: dict[str, list[str]] = defaultdict(list)
+    for topic in topics:
+        plain = topic.removesuffix(APPLIED)
+        fitting = (name for name in channels if f"/{plain}".endswith(f"/{name}"))
+        alike[next(fitting, plain.rpartition("/")[2])].append(topic)
+    kept, doubts = list[str](), list[str]()
+    for name, group in alike.items():
+
+        def rank(topic: str, name: str = name) -> tuple[bool, int]:
+            return topic.removesuffix(APPLIED).removeprefix("/") == name in channels, _shared(topic, motion)
+
+        best = [topic for topic in group if rank(topic) == max(map(rank, group))]
+        siblings = [each for each in others if each.rpartition("/")[2] == motion.rpartition("/")[2]]
+        foreign = [topic for topic in best if any(_shared(topic, each) > _shared(topic, motion) for each in siblings)]
+        kept += best
+        if len(best) > 1 or foreign:
+            doubts.append(f"cannot tell whether {' or '.join(best)} commands the body of {motion or 'the scene'}")
+    return kept, "; ".join(doubts)
+
+
+def _shared(topic: str, other: str) -> int:
+    """Return how many levels of their namespaces are the same."""
+    levels = zip(*(each.removeprefix("/").split("/")[:-1] for each in (topic, other)), strict=False)
+    return len([*takewhile(lambda pair: pair[0] == pair[1], levels)])

@@ -23,7 +23,7 @@ from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
-from rb_dynamics.logs.bag_reader import Bag, read_bag
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.logs.topics_of_channels import names_in_scene
@@ -207,7 +207,7 @@ class _Flights:
     def _flown(self, scene: Scene, other: Given, place: int) -> Given:
         """Return the flight of `scene` under the commands of the other recording; `place` is 0 for A."""
         bag = other.track.bag
-        commands = self._commands(scene, bag)
+        commands = self._commands(scene, other.track)
         if scene.duration is None:
             begin, end = other.track.span_ns
             length = end - (0 if commands is None else _start_of(commands)) if end > begin else 0
@@ -234,12 +234,13 @@ class _Flights:
             track = read_track(read_bag(log, repeated=False))
         return Given(track, scene.source, flown=True)
 
-    def _commands(self, scene: Scene, bag: Bag) -> RecordedWrenches | None:
+    def _commands(self, scene: Scene, track: Track) -> RecordedWrenches | None:
         """Return the commands for the scene; None if the recording has none at all."""
-        actuators = [each.topic for each in scene.actuators]
+        bag, actuators = track.bag, [each.topic for each in scene.actuators]
         topics = [channel.topic for channel in scene.channels]
         # A log says how its topics are called in a scene; what the user says comes first.
-        renamed = {bag.metadata.get(TOPICS, {}).get(topic, topic): topic for topic in (*topics, *actuators)}
+        renamed = {each.topic: each.channel.topic for each in track.wrenches if each.channel and not track.doubt}
+        renamed |= {bag.metadata.get(TOPICS, {}).get(topic, topic): topic for topic in (*topics, *actuators)}
         mapping = {
             name: topic
             for name, topic in renamed.items()

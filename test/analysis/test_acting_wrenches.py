@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bag_rows import write_rows
 
-from rb_dynamics import Inspection, Setpoint, Wrench, inspect, parse_scene, simulate
+from rb_dynamics import Inspection, Setpoint, Wrench, compare, inspect, parse_scene, simulate
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, timed_out
 from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.read_track import TopicChoice
@@ -124,6 +124,45 @@ def test_the_channel_of_commands_is_found_or_not_guessed(
     else:
         (channel,) = read_flight(str(bag), scene, topics=choice).channels
         assert (channel.time_ns / SECOND).tolist() == [1.2, 4.2]
+
+
+@pytest.mark.parametrize(
+    ("topics", "motion", "used"),
+    [
+        (["/b/wrench", "/a/wrench"], ["/b/odom"], "/b/wrench"),
+        (["/b/wrench", "/a/wrench"], ["/odom"], ""),
+        (["/b/wrench"], ["/a/odom", "/b/odom"], ""),
+    ],
+)
+def test_of_the_commands_of_several_bodies_those_beside_the_motion_act_or_none_is_judged(
+    topics: list[str], motion: list[str], used: str, tmp_path: Path
+) -> None:
+    """They were summed, which accused the body."""
+    rest = "wrenches: [{topic: wrench}]"
+    bag = renamed(flown(tmp_path, rest, COMMANDS), *topics)
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    rows = [
+        (name if row[0] == "/odom" else row[0], *row[1:])
+        for row in rows
+        for name in (motion if row[0] == "/odom" else [""])
+    ]
+    both = write_rows(tmp_path / "both.mcap", rows)
+    scene = parse_scene(SCENE.format(zz=0.38, rest=rest))
+    for found in (inspect(both, scene), inspect(both)):
+        assert [each.topic for each in found.track.wrenches] == ([used] if used else sorted(topics))
+        assert ("cannot tell whether" in found.track.unrecorded) == (not used)
+    assert verdict(inspect(both, scene)) == (bool(used), True)
+    parts = [
+        str(write_rows(tmp_path / f"{name}.mcap", [row for row in rows if (row[1] == STAMPED) == (name == "commands")]))
+        for name in ("motion", "commands")
+    ]
+    if used:
+        for path, more in ((str(both), []), (parts[0], parts[1:])):
+            assert [each.topic for each in read_flight(path, scene, more).channels] == [used]
+        assert compare(scene, both, align="start", bound=1e-6).passed
+    else:
+        with pytest.raises(LogError, match=r"cannot tell whether .* commands the body of /\S*odom; .*--wrench-topic"):
+            read_flight(str(both), scene)
 
 
 def test_a_topic_is_chosen_for_a_channel_only(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rb_dynamics.logs.topics_of_channels import names_in_scene
+from rb_dynamics.logs.topics_of_channels import names_in_scene, of_one_body
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,25 @@ def test_exact_names_count_first_then_what_fits_both_ways(
 def test_what_is_chosen_counts_before_the_name() -> None:
     topics, names = ["/wrench", "/a/wrench", "/b/push"], ["wrench", "push"]
     assert names_in_scene(topics, names, {"a/wrench": "/wrench"}) == {"/a/wrench": "wrench", "/b/push": "push"}
+
+
+@pytest.mark.parametrize(
+    ("topics", "names", "motion", "others", "kept", "certain"),
+    [
+        (["/a/wrench", "/b/wrench"], ["wrench"], "/b/pose", ["/a/pose"], ["/b/wrench"], True),
+        (["/a/wrench", "/b/wrench"], [], "/b/truth/pose", [], ["/b/wrench"], True),
+        (["/a/wrench", "/b/wrench"], ["wrench"], "/pose", [], ["/a/wrench", "/b/wrench"], False),
+        (["/a/wrench", "/b/wrench"], ["wrench"], "", [], ["/a/wrench", "/b/wrench"], False),
+        (["/a/wrench", "/b/wrench"], ["a/wrench", "b/wrench"], "/pose", [], ["/a/wrench", "/b/wrench"], True),
+        (["/wrench", "/b/wrench"], ["wrench"], "/pose", [], ["/wrench"], True),
+        (["/a/wrench", "/a/push"], [], "/b/pose", [], ["/a/wrench", "/a/push"], True),
+        (["/a/wrench"], ["wrench"], "/b/pose", ["/a/pose"], ["/a/wrench"], False),
+        (["/a/wrench"], ["wrench"], "/b/pose", ["/a/imu"], ["/a/wrench"], True),
+        (["/a/w/applied", "/b/w/applied"], [], "/a/pose", [], ["/a/w/applied"], True),
+    ],
+)
+def test_of_several_bodies_the_commands_beside_the_motion_are_its_own(
+    topics: list[str], names: list[str], motion: str, others: list[str], kept: list[str], certain: bool
+) -> None:
+    found, doubt = of_one_body(topics, names, motion, others)
+    assert (found, doubt == "") == (kept, certain)

@@ -28,6 +28,7 @@ from rb_dynamics.analysis.identification.flights import (
     acting_elsewhere,
     commanded,
 )
+from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench_channels import Channel
@@ -100,7 +101,7 @@ def read_csv_flight(
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
     notes: list[str] = []
     channels = [*_wrench(found, measured, times - zero, scene, path)]
-    channels += acting_elsewhere(commands, scene, zero, end, path, notes, wrench_topics)
+    channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 

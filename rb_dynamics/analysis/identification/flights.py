@@ -224,7 +224,10 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
-    channels += acting_elsewhere(commands, scene, zero, end, path, notes, choice.wrenches)
+    motion = next((each.topic for each in (track.pose, track.twist) if each is not None), "")
+    channels += acting_elsewhere(
+        commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
+    )
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
 
 
@@ -265,18 +268,18 @@ def acting_elsewhere(
     end_ns: int,
     path: str,
     notes: list[str],
-    topics: tuple[str, ...] = (),
+    choice: TopicChoice | None = None,
 ) -> list[WrenchSeries]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
-    `notes` receives remarks for the user about them; `topics` are those of wrenches, all if it is empty.
+    `notes` receives remarks for the user about them; `choice` says which are the body's.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
     """
     channels = []
     for other in commands:
-        found = read_track(read_bag(other), scene, TopicChoice(wrenches=topics))
+        found = read_track(read_bag(other), scene, choice)
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
         channels += _channels(found, scene, zero, end_ns, path, notes)
@@ -287,7 +290,7 @@ def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, not
     # A log of this package also contains what effects of the scene did, in any namespace.
     acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
     taken = {wrench.topic: wrench.channel for wrench in acting if not wrench.topic.endswith(APPLIED)}
-    if doubt := which_channel(taken, scene):
+    if doubt := which_channel(taken, scene) or track.doubt:
         raise LogError(f"{path}: {doubt}; choose it with --wrench-topic TOPIC=CHANNEL")
     found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
     return [_channel(wrench, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
