@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from rb_dynamics.analysis.clocks import clock
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import INERTIA
 from rb_dynamics.formats.topic_messages import KEPT, Topic
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
+from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
 
 Window = tuple[float | None, float | None]
 """First and last time, s; None: from the start, or to the end."""
@@ -38,16 +38,18 @@ def part_of(track: Track, window_s: Window) -> Bag:
     motion = [series.topic for series in (track.pose, track.twist) if series is not None]
     stamped = [track.bag.topics[name] for name in motion if name in track.bag.topics]
     # Topics without stamps go by log times, which may be of another clock.
-    later = round(clock(stamped[0]).offset_s * 1e9) if stamped and not track.own else 0
-    topics = {name: _part(topic, begin, end, later) for name, topic in track.bag.topics.items()}
+    line = ClockLine()
+    if stamped and not track.own and stamped[0].stamps_given:
+        line = StampClock.of(stamped[0].log_times, stamped[0].stamps).line
+    topics = {name: _part(topic, begin, end, line) for name, topic in track.bag.topics.items()}
     return replace(track.bag, topics=topics, cut=True, zero_ns=zero_ns)
 
 
-def _part(topic: Topic, begin: int, end: int, later_ns: int) -> Topic:
+def _part(topic: Topic, begin: int, end: int, line: ClockLine) -> Topic:
     if not topic.count:
         return topic
     known = topic.type_name in KEPT
-    times = topic.stamps if known and topic.stamps_given else topic.log_times - later_ns
+    times = topic.stamps if known and topic.stamps_given else line.stamps(topic.log_times)
     rows = (times >= begin) & (times <= end)
     if topic.type_name in WRENCHES:
         before = np.flatnonzero(times < begin)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
-from rb_dynamics.analysis.clocks import APART, clock
+from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.stamp_order import disorder, standing
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -42,6 +42,7 @@ from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
 from rb_dynamics.logs.topics_of_channels import of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
@@ -542,7 +543,7 @@ class _TrackReader:
             )
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
         steps = tuple(
-            _steps(self.bag, topic, frames, channels.get(topic), self._later(topic), self.notes)
+            _steps(self.bag, topic, frames, channels.get(topic), self._line(topic), self.notes)
             for topic in sorted(chosen)
         )
         for held in steps:
@@ -550,8 +551,8 @@ class _TrackReader:
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
                     f"in an undeclared frame (frames: {frame_names(held.frames)}); their effect is unknown. "
-                    "A scene says what frames are, with body.frame, world_frame and body.frames: give it with --scene "
-                    "SCENE."
+                    "A scene says what frames are, with body.frame, world_frame and body.frames: "
+                    + ("declare these there." if self.scene else "give it with --scene SCENE.")
                 )
         return steps, own or bool(chosen)
 
@@ -606,8 +607,8 @@ class _TrackReader:
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )
 
-    def _later(self, topic: str) -> int:
-        """Return by how much (ns) the log times of a topic without stamps are later than the stamps of the motion.
+    def _line(self, topic: str) -> ClockLine:
+        """Return how the log times of a topic without stamps follow the stamps of the motion.
 
         Topics of the same clock, up to the transport delay, are left as they are.
         """
@@ -615,19 +616,29 @@ class _TrackReader:
         stamped = next((name for name in motion if self.bag.topics[name].stamps_given), "")
         source = self.bag.topics[topic]
         if RUN in self.bag.metadata or not stamped or not source.count or source.stamps_given:
-            return 0
-        offset = clock(self.bag.topics[stamped]).offset_s
-        if abs(offset) <= APART:
-            return 0
+            return ClockLine()
+        stamps = self.bag.topics[stamped].stamps
+        if standing(stamps):
+            return ClockLine()
+        line = StampClock.of(self.bag.topics[stamped].log_times, stamps).line
+        if line.drift == 0.0 and abs(line.behind_ns) <= APART * 1e9:
+            return ClockLine()
+        if not line.straight and source.type_name in WRENCHES:
+            self.doubt = self.doubt or (
+                f"cannot tell when {topic} acted, which has no stamps: log times leave a line against the stamps of "
+                f"{stamped} by {line.error_s:.3g} s"
+            )
+        offset = line.behind_ns / 1e9
+        rate = f", at first, and {1.0 / (1.0 - line.drift):.6g} times as slowly" if line.drift else ""
         self.notes.append(
             f"{topic} has no stamps, and {stamped} is stamped by another clock than that of the log times: {topic} is "
-            f"put {abs(offset):.6g} s {'earlier' if offset > 0.0 else 'later'} than it was logged, as {stamped} is."
+            f"put {abs(offset):.6g} s {'earlier' if offset > 0.0 else 'later'} than it was logged{rate}, as {stamped} "
+            "is."
         )
-        return round(offset * 1e9)
+        return line
 
     def _on_one_clock(self, series: TimeSeries | None) -> TimeSeries | None:
-        later = 0 if series is None else self._later(series.topic)
-        return replace(series, time_ns=series.time_ns - later) if series is not None and later else series
+        return None if series is None else replace(series, time_ns=self._line(series.topic).stamps(series.time_ns))
 
     def _body(self) -> tuple[RigidBody | None, str]:
         if self.scene is not None:
@@ -697,15 +708,14 @@ def mean_rate(time_ns: Times) -> float:
 
 
 def _steps(
-    bag: Bag, topic: str, frames: WrenchFrames, limits: Channel | None, later_ns: int, notes: list[str]
+    bag: Bag, topic: str, frames: WrenchFrames, limits: Channel | None, line: ClockLine, notes: list[str]
 ) -> RecordedWrench:
     commands = bag.wrenches(topic)
     if limits is not None:
         commands = _within(commands, topic, limits, notes)
     stamped = bag.topics[topic].stamps_given
-    times = np.array(
-        [wrench.stamp_ns if stamped else log_time - later_ns for log_time, wrench in commands], dtype=np.int64
-    )
+    times = np.array([wrench.stamp_ns if stamped else log_time for log_time, wrench in commands], dtype=np.int64)
+    times = times if stamped else line.stamps(times)
     held = [_held(wrench, frames) for _, wrench in commands]
     order = np.argsort(times, kind="stable")
 

@@ -31,6 +31,7 @@ from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Received
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
+from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 
 _logger = logging.getLogger(__name__)
@@ -45,14 +46,15 @@ moved to theirs. An integer: that stamp, ns. auto: as with stamp for each bag of
 so, as with bag for the others, unless they begin less than 1e6 s after a run that some bag reaches: these are later in
 the same time. Several bags are of one time: the earliest of their starts is that of all. Except with stamp, commands of
 a bag without any stamp, and of a log of ours, which says when each took effect, go by their log times. Commands to
-actuators have no stamps and always do.
+actuators, and Wrench, have no stamps and always do. These log times are put on the clock of the stamps of the motion
+beside them.
 """
 
 _NANOSECONDS = 1_000_000_000
 _LATENCY_NS = _NANOSECONDS
-# Every command is recorded at least so long after its stamp, or before it, only if these are of two clocks; then the
-# mean is about the same, of which a link that delivers in bursts leaves more than this part of it.
-_APART_NS, _UNEVEN = _NANOSECONDS // 10, 0.25
+# Every command is recorded later than its stamp by more than APART_NS, or before it, only if these are of two clocks;
+# then the mean is about the same, of which a link that delivers in bursts leaves more than this part of it.
+_UNEVEN = 0.25
 # Stamps of one topic that go back by more are those of another run, or another clock.
 _BACK_NS = _NANOSECONDS
 # Commands that begin later than this after the end of the run are of another clock than those within it.
@@ -88,11 +90,14 @@ class _Span:
         """Return the first and the last time."""
         return f"at {_seconds(self.first_ns or 0)} to {_seconds(self.last_ns or 0)} s"
 
-    def sooner(self, by_ns: int) -> _Span:
-        """Return this by another clock."""
+    def by(self, line: ClockLine) -> _Span:
+        """Return this by the clock of stamps."""
         if self.first_ns is None or self.last_ns is None:
             return self
-        return _Span(self.first_ns - by_ns, self.last_ns - by_ns, self.delay_ns)
+        last_ns = line.stamp(self.last_ns)
+        # Rounding adds less than 1 ns.
+        delay_ns = self.delay_ns and last_ns - line.stamp(self.last_ns - self.delay_ns) + 1
+        return _Span(line.stamp(self.first_ns), last_ns, delay_ns)
 
     def add(self, times_ns: Times) -> None:
         """Count times, in the order in which they were recorded on one topic."""
@@ -121,12 +126,15 @@ class _Recording:
         stamped: how many these are.
         unset_ns: the same as `behind_ns`, of those whose stamp is 0; None without any.
         fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
+        still: commands that have the stamp of the one before on their channel, and so never act.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
         earliest: the two earliest times by stamps on each of its channels.
         moves_ns: the first stamp of its motion; None without any.
-        others_behind_ns: how far its other messages are recorded behind their stamps, at least; None without any.
-        clock_ns: the same of the commands in another bag, for one without any stamp.
+        clocks: log times and stamps of its motion, by topic; of other messages only where there is no motion.
+        beside: the same of another bag, for one without any stamp.
+        known: how its log times follow the stamps, where that was found before.
+        bare: how many commands are of a type without stamps.
         within: commands between start and end of the run.
         early: commands before its start, on each channel: the last acts from the start on, unless another is there.
         prompt: channels that have a command at the start.
@@ -153,12 +161,15 @@ class _Recording:
     stamped: int = 0
     unset_ns: int | None = None
     fills: bool = False
+    still: int = 0
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
     earliest: dict[int, list[int]] = field(default_factory=dict)
     moves_ns: int | None = None
-    others_behind_ns: int | None = None
-    clock_ns: int = 0
+    clocks: dict[tuple[bool, str], StampClock] = field(default_factory=dict)
+    beside: ClockLine | None = None
+    known: ClockLine | None = None
+    bare: int = 0
     within: int = 0
     early: Counter[int] = field(default_factory=Counter)
     prompt: set[int] = field(default_factory=set)
@@ -180,24 +191,48 @@ class _Recording:
     def span(self) -> _Span:
         """The commands by the clock that counts: wrenches, or if there are none, commands to actuators."""
         if not self.count:
-            return self.setpoints.sooner(self.apart_ns)
-        return self.log_times if self.by_log else self.stamps
+            return self.setpoints.by(self.line)
+        return self.log_times.by(self.line) if self.by_log else self.stamps
 
     @property
     def first_ns(self) -> int | None:
         """The first command of either kind."""
-        firsts = (self.span.first_ns, self.setpoints.sooner(self.apart_ns).first_ns)
+        firsts = (self.span.first_ns, self.setpoints.by(self.line).first_ns)
         return min((each for each in firsts if each is not None), default=None)
 
     @property
+    def line(self) -> ClockLine:
+        """How its log times follow the stamps of its motion, or of what else has some."""
+        if self.known is not None or self.ours:
+            return self.known or ClockLine()
+        of_motion = max((motion for motion, _ in self.clocks), default=False)
+        lines = [clock.line for (motion, _), clock in self.clocks.items() if motion == of_motion]
+        line = min(lines, key=lambda each: abs(each.behind_ns), default=None)
+        if not self.count or self.by_log:
+            return self._unless_one(line or self.beside or ClockLine())
+        # Of commands that come in bursts, no delay is as little as those of a motion that comes steadily.
+        if line is not None and self.behind_ns is not None and line.straight and line.count > 1:
+            ends = np.array([self.log_times.first_ns, self.log_times.last_ns])
+            more_ns = self.behind_ns - int(line.behind(ends).min())
+            uneven_ns = 2 * (self.sum_ns / self.stamped - self.behind_ns)
+            if -APART_NS * bool(line.drift) <= more_ns <= max(APART_NS, uneven_ns):
+                return self._unless_one(line)
+        found = () if self.uneven else (self.behind_ns, None if self.partly_unset else self.unset_ns)
+        return self._unless_one(ClockLine(behind_ns=min((each for each in found if each is not None), default=0)))
+
+    @staticmethod
+    def _unless_one(line: ClockLine) -> ClockLine:
+        return replace(line, behind_ns=0) if line.one_clock else line
+
+    @property
     def apart_ns(self) -> int:
-        """Delay of its log times relative to its stamps, or those of `clock_ns`, if these are of two clocks; else 0."""
-        if not self.count:
-            behind_ns = 0 if self.ours else self.clock_ns if self.others_behind_ns is None else self.others_behind_ns
-            return behind_ns if abs(behind_ns) > _APART_NS else 0
-        found = () if self.by_log or self.uneven else (self.behind_ns, None if self.partly_unset else self.unset_ns)
-        behind_ns = min((each for each in found if each is not None), default=0)
-        return behind_ns if abs(behind_ns) > _APART_NS else 0
+        """By how much its first log time is later than the stamps, if these are of two clocks."""
+        return (self.begin_ns or 0) - self.line.stamp(self.begin_ns or 0)
+
+    @property
+    def times_unstamped(self) -> bool:
+        """Whether the clock of the log times matters to its commands."""
+        return not self.ours and (self.setpoints.first_ns is not None or self.by_log or self.fills)
 
     @property
     def partly_unset(self) -> bool:
@@ -220,7 +255,7 @@ class _Recording:
         """Whether log times do not follow the stamps, or two commands of one channel are stamped before the bag."""
         begin_ns, stamps = (self.begin_ns or 0) - self.apart_ns, self.earliest.values()
         before = any(first[0] < begin_ns - _LATENCY_NS and first[-1] < begin_ns for first in stamps if len(first) > 1)
-        return not self.by_log and (before or (self.uneven and abs(self.behind_ns or 0) > _APART_NS))
+        return not (self.by_log or self.stands) and (before or (self.uneven and abs(self.behind_ns or 0) > APART_NS))
 
     @property
     def uneven(self) -> bool:
@@ -228,25 +263,27 @@ class _Recording:
         behind_ns = self.behind_ns or 0
         return self.sum_ns - behind_ns * self.stamped > _UNEVEN * abs(behind_ns) * self.stamped
 
-    def beside(self, block: MessageBlock, kind: str) -> None:
+    def take(self, block: MessageBlock, kind: str) -> None:
         """Take messages that are no wrenches."""
-        if (behind_ns := _first_behind(block, kind)) is not None:
-            stamp_ns, known_ns = int(block.log_times[0]) - behind_ns, self.others_behind_ns
-            self.others_behind_ns = behind_ns if known_ns is None else min(known_ns, behind_ns, key=abs)
+        log_times, stamps = _stamped(block, kind)
+        if len(stamps):
+            self.clocks.setdefault((kind in KEPT, block.channel.topic), StampClock()).add(log_times, stamps)
             if kind in KEPT:
-                self.moves_ns = stamp_ns if self.moves_ns is None else min(self.moves_ns, stamp_ns)
+                first_ns = int(stamps.min())
+                self.moves_ns = first_ns if self.moves_ns is None else min(self.moves_ns, first_ns)
 
     def goes_on(self, channel: int, stamps_ns: Times) -> None:
         """Take further stamps of a channel."""
-        told = np.append(self.newest.get(channel, stamps_ns[0]), stamps_ns)
-        self.back_ns = max(self.back_ns, int(-np.diff(told).min()))
-        self.newest[channel] = int(told[-1])
+        changes = np.diff(np.append(self.newest.get(channel, stamps_ns[0] - 1), stamps_ns))
+        self.still += int((changes == 0).sum())
+        self.back_ns = max(self.back_ns, int(-changes.min()))
+        self.newest[channel] = int(stamps_ns[-1])
         self.earliest[channel] = sorted([*self.earliest.get(channel, []), *np.sort(stamps_ns)[:2].tolist()])[:2]
 
     @property
-    def log_offset_ns(self) -> int:
-        """Which log time is time 0 of the run."""
-        return self.offset_ns + self.apart_ns
+    def stands(self) -> bool:
+        """Whether most of its stamps are those of another command of their channel."""
+        return 2 * self.still > self.count
 
     @property
     def unstamped(self) -> bool:
@@ -315,21 +352,16 @@ class RecordedWrenches:
         self._bags = [self._looked_through(replace(bag, fills=True)) if bag.partly_unset else bag for bag in self._bags]
         self._require_topics()
         for bag in self._bags:
+            bag.by_log = bag.bare == bag.count > 0
             beside = [each for each in self._bags if each.count and _pause_ns(bag, each) < _ONE_CLOCK_NS]
             if beside and not bag.count:
-                bag.clock_ns = min(beside, key=lambda each: _pause_ns(bag, each)).apart_ns
+                bag.beside = min(beside, key=lambda each: _pause_ns(bag, each)).line
         self.notes: list[str] = [
             f"{bag.path}: some of its commands have no stamps: each of these acts when it was recorded"
             for bag in self._bags
             if bag.fills
         ]
         self.notes += (f"{topic} is taken for {name} of the scene" for topic, name in in_namespace.items())
-        self.notes += (
-            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; of "
-            "several runs in one bag the commands are mixed, as they act in the order of their stamps"
-            for bag in self._bags
-            if bag.back_ns > _BACK_NS and not bag.by_log
-        )
         if start != "stamp":
             self._begin(start)
         else:
@@ -339,6 +371,22 @@ class RecordedWrenches:
                 for bag in self._bags
                 if bag.unstamped
             )
+        self._bags = [
+            self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
+        ]
+        self.notes += (
+            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; of "
+            "several runs in one bag the commands are mixed, as they act in the order of their stamps"
+            for bag in self._bags
+            if bag.back_ns > _BACK_NS and not bag.by_log
+        )
+        self.notes += (
+            f"{bag.path}: {bag.still} of its {bag.count} commands have the stamp of the one before on their channel: "
+            "of commands of one stamp only the last acts"
+            for bag in self._bags
+            if bag.still and not (bag.by_log or bag.unstamped)
+        )
+        self.notes += filter(None, map(_clock_note, self._bags))
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
         self.late = sum(bag.count - bag.within - bag.early.total() for bag in self._bags)
@@ -444,8 +492,9 @@ class RecordedWrenches:
         """Commands to actuators, each at the time at which it was recorded: they have no stamps."""
         found: list[tuple[str, Setpoint]] = []
         for bag in self._bags:
+            line = bag.line
             found += (
-                (topic, Setpoint(decode_setpoint(message.data), message.log_time - bag.log_offset_ns))
+                (topic, Setpoint(decode_setpoint(message.data), line.stamp(message.log_time) - bag.offset_ns))
                 for message in (open_source(bag.path).messages() if bag.drives else ())
                 if (topic := self._drives(message.channel)) is not None
             )
@@ -485,10 +534,8 @@ class RecordedWrenches:
         Raises:
             LogError: it cannot be read or is damaged.
         """
-        behind_ns = bag.behind_ns if bag.fills else None
-        bag = _Recording(
-            bag.path, bag.by_log, bag.offset_ns, behind_ns=behind_ns, fills=bag.fills, clock_ns=bag.clock_ns
-        )
+        known = bag.line if bag.by_log or bag.fills or bag.offset_ns or bag.beside else None
+        bag = _Recording(bag.path, bag.by_log, bag.offset_ns, fills=bag.fills, known=known)
         source = open_source(bag.path)
         for block in source.blocks():
             earliest_ns = int(block.log_times.min())
@@ -499,12 +546,13 @@ class RecordedWrenches:
             if self._drives(block.channel) is not None:
                 bag.setpoints.add(block.log_times)
             if kind not in WRENCHES:
-                bag.beside(block, kind)
+                bag.take(block, kind)
             if kind in WRENCHES:
                 bag.found[name] += len(block.log_times)
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
                     batch = _batch(source, bag, block, kind, self._topics.index(topic))
                     self._count(bag, batch)
+                    bag.bare += len(batch.stamps) * (kind != WRENCH)
                     bag.goes_on(id(block.channel), batch.stamps)
         for channel in source.channels.values():
             name, kind = channel.topic.removeprefix("/"), named_type(channel)
@@ -575,7 +623,7 @@ class RecordedWrenches:
     def _begin(self, start: Start) -> None:
         """Find time 0 of the run, and search again the bags whose times are not as stamped."""
         for bag in self._bags:
-            bag.by_log = bag.ours or bag.unstamped
+            bag.by_log = bag.by_log or bag.ours or bag.unstamped
             if bag.unstamped and not bag.ours:
                 self.notes.append(f"{bag.path}: its commands have no stamps, so each acts at its log time")
         moved = self._bags
@@ -603,15 +651,11 @@ class RecordedWrenches:
                         "by the stamps"
                     )
                 if start == "auto":
+                    told = "stamped" if bag.count and not bag.by_log else "recorded"
                     self.notes.append(
-                        f"{bag.path}: its commands are {'stamped' if bag.count else 'recorded'} {bag.span}, outside of "
-                        f"the run, which "
-                        f"{self._run()}: so time 0 is the start of the bag, {_seconds(time_0)} s; choose another with "
-                        "--wrench-start"
+                        f"{bag.path}: its commands are {told} {bag.span}, outside of the run, which {self._run()}: so "
+                        f"time 0 is the start of the bag, {_seconds(time_0)} s; choose another with --wrench-start"
                     )
-        self._bags = [
-            self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.clock_ns else bag for bag in self._bags
-        ]
 
     def _time_0(self, start: Start, bags: Sequence[_Recording]) -> int:
         """Return what is time 0 of the run for `bags`."""
@@ -700,9 +744,9 @@ def _batch(
     except LogError:
         _require_whole(source, block, kind)
         raise
-    times = topic.log_times if bag.by_log else stamps
+    times = bag.line.stamps(topic.log_times) if bag.by_log else stamps
     if bag.fills and not bag.by_log:
-        times = np.where(stamps == 0, topic.log_times - bag.apart_ns, stamps)
+        times = np.where(stamps == 0, bag.line.stamps(topic.log_times), stamps)
     frame_ids = [text[0] if text else "" for _, text in texts]
     frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
     time_ns = times - bag.offset_ns
@@ -716,15 +760,40 @@ def _batch(
     return _Batch(times if bag.fills else stamps, topic.log_times, commands)
 
 
-def _first_behind(block: MessageBlock, kind: str) -> int | None:
-    """Return how far the first message of a block is recorded behind its stamp (ns); None without a stamp."""
+def _stamped(block: MessageBlock, kind: str) -> tuple[Times, Times]:
+    """Return log times and stamps (ns) of the messages in a block that have a stamp."""
     if cdr.LAYOUTS.get(kind, [None])[0] != cdr.STAMP:
-        return None
-    try:
-        stamp_ns = cdr.decode(kind, block.data[block.begins[0] : block.ends[0]].tobytes())[0]
-    except LogError:
-        return None
-    return int(block.log_times[0]) - stamp_ns if stamp_ns else None
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    whole = block.ends - block.begins >= 12
+    raw = block.data[block.begins[whole, None] + np.arange(12)]
+    parts = [raw[:, 4:].copy().view(order).astype(np.int64) for order in (">u4", "<u4")]
+    seconds, rest = np.where(raw[:, 1:2] == 1, parts[1], parts[0]).T
+    stamps = seconds * _NANOSECONDS + rest
+    return block.log_times[whole][stamps != 0], stamps[stamps != 0]
+
+
+def _clock_note(bag: _Recording) -> str:
+    """Return how the log times of commands without stamps were put on the clock of stamps; "" if there is no need.
+
+    Raises:
+        LogError: it cannot be told which stamp belongs to a log time.
+    """
+    line = bag.line
+    if not bag.times_unstamped or (line.straight and not line.drift):
+        return ""
+    off = f"leave a line against the stamps of the motion by {line.error_s:.3g} s"
+    if line.straight:
+        return (
+            f"{bag.path}: its log times run {1.0 / (1.0 - line.drift):.6g} times as fast as the stamps of the motion: "
+            "each command without a stamp acts at the stamp that belongs to its log time"
+        )
+    if line.one_clock:
+        return f"{bag.path}: its log times {off}; commands without stamps act at their log times all the same"
+    raise LogError(
+        f"{bag.path}: its log times are of another clock than the stamps and {off}, so that it is not known when "
+        "commands without stamps acted; record by the clock of the stamps (ros2 bag record --use-sim-time), or "
+        "commands with stamps"
+    )
 
 
 def _pause_ns(bag: _Recording, other: _Recording) -> float:

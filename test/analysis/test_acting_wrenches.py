@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +164,42 @@ def test_of_the_commands_of_several_bodies_those_beside_the_motion_act_or_none_i
     else:
         with pytest.raises(LogError, match=r"cannot tell whether .* commands the body of /\S*odom; .*--wrench-topic"):
             read_flight(str(both), scene)
+
+
+def test_commands_without_stamps_follow_log_times_of_another_rate_or_are_not_judged(tmp_path: Path) -> None:
+    """Put at one distance from their log times, they accused the body."""
+    scene = parse_scene(SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench}]"))
+    rows = [
+        (m.channel.topic, m.channel.type_name, m.log_time, m.data)
+        for m in open_source(flown(tmp_path, "wrenches: [{topic: wrench}]", COMMANDS)).messages()
+    ]
+
+    def logged(path: str, at: Callable[[int], int]) -> Path:
+        plain = [
+            (topic, "geometry_msgs/msg/Wrench", at(time_ns), data[:4] + data[-48:])
+            if kind == STAMPED
+            else (topic, kind, at(time_ns), data)
+            for topic, kind, time_ns, data in rows
+        ]
+        return write_rows(tmp_path / path, plain)
+
+    found = inspect(logged("half.mcap", lambda at: 10**18 + 2 * at), scene)
+    assert verdict(found) == (True, True)
+    assert found.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
+    part = inspect(logged("half.mcap", lambda at: 10**18 + 2 * at), scene, window_s=(2.0, 5.0))
+    assert part.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
+    jumps = logged("jumps.mcap", lambda at: 10**18 + at + 5 * SECOND * (at > 3 * SECOND))
+    assert not verdict(inspect(jumps, scene))[0]
+    with pytest.raises(LogError, match="cannot tell when /wrench acted, which has no stamps"):
+        read_flight(str(jumps), scene)
+
+
+def test_a_frame_that_the_scene_does_not_have_is_to_be_declared_there(tmp_path: Path) -> None:
+    """The scene was asked for although it was given."""
+    scene = SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench}]").replace("body:", "body:\n  frame: hull", 1)
+    found = inspect(flown(tmp_path, "wrenches: [{topic: wrench}]", COMMANDS), parse_scene(scene))
+    (told,) = (note for note in found.track.notes if "undeclared frame" in note)
+    assert "declare these there" in told
 
 
 def test_a_topic_is_chosen_for_a_channel_only(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from bag_rows import STAMPED, Row, stamped, write_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rb_dynamics import inspect, parse_scene, simulate
+from rb_dynamics import Simulation, inspect, parse_scene, simulate
 from rb_dynamics.cli import main
 from rb_dynamics.cli.output import warn_outside
 from rb_dynamics.errors import LogError
@@ -89,6 +90,8 @@ def test_a_wrench_without_header_takes_its_log_time(tmp_path: Path) -> None:
     first, second = read_wrenches(path, ["push"])
     assert first == ("push", Wrench((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "", 60))
     assert second[1].stamp_ns == 70
+    (told,) = RecordedWrenches([path], ["push"], 10, start="auto").notes
+    assert "its commands are recorded at 0.00000006 to" in told
 
 
 def test_a_damaged_command_is_named(tmp_path: Path) -> None:
@@ -194,6 +197,21 @@ def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
     rows += [("/other", STAMPED, k, stamped(k * SECOND // 2, 1.0)) for k in range(7)]
     bag = write_rows(tmp_path / "b.mcap", rows)
     assert not RecordedWrenches([bag], ["wrench", "other"], 10 * SECOND, start="stamp").notes
+
+
+def test_of_a_log_commands_act_as_they_did_and_not_by_their_stamps(tmp_path: Path) -> None:
+    """They were said to be mixed, in the order of their stamps."""
+    scene = parse_scene("body: {mass: 1}\nwrenches: [{topic: wrench}]\nduration: 5\n")
+    log = tmp_path / "a.mcap"
+    run = Simulation(scene, [McapSink(log)])
+    run.start()
+    for at, stamp_ns in ((1, 40), (2, 10), (3, 20)):
+        run.advance(at * SECOND)
+        run.post("wrench", Wrench(force=(1.0, 0.0, 0.0), stamp_ns=stamp_ns * SECOND), at * SECOND)
+    run.advance(5 * SECOND)
+    run.finish()
+    found = RecordedWrenches([log], ["wrench"], 5 * SECOND, start=0)
+    assert ([wrench.stamp_ns for _, wrench in found], found.notes) == ([SECOND, 2 * SECOND, 3 * SECOND], [])
 
 
 def test_commands_of_two_clocks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -346,6 +364,72 @@ def test_commands_to_actuators_alone_are_on_the_clock_of_the_motion_beside_them(
     bag = write_rows(tmp_path / "bag.mcap", rows)
     found = RecordedWrenches([bag], [], 20 * SECOND, start="auto", actuators=["w/command"])
     assert [point.stamp_ns for _, point in found.setpoints] == [4 * SECOND]
+
+
+def poses(stamps: Sequence[int], log_ns: Callable[[int], int]) -> list[Row]:
+    still = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return [("/pose", POSE, log_ns(at), cdr.encode(POSE, at, "world", still)) for at in stamps]
+
+
+# With start "stamp" a stamp of 0 is one.
+@pytest.mark.parametrize(
+    ("kind", "start"),
+    [*itertools.product([SCALAR, WRENCH], ["auto", "stamp", "bag", 0]), (STAMPED, "auto"), (STAMPED, "bag")],
+)
+def test_commands_without_stamps_follow_a_clock_of_another_rate(tmp_path: Path, kind: str, start: Start) -> None:
+    """Of a simulation at half of real time, half of the commands lay after its end, without a word."""
+    at = [k * SECOND // 2 for k in range(40)]
+    data = {SCALAR: cdr.encode(SCALAR, (0.5,)), WRENCH: cdr.encode(WRENCH, (1.0,) * 6), STAMPED: stamped(0, 1.0)}[kind]
+    topic = "/w/command" if kind == SCALAR else "/wrench"
+
+    def bag(logged: Callable[[int], int]) -> RecordedWrenches:
+        rows = [*poses(range(0, 20 * SECOND, SECOND // 10), logged), *((topic, kind, logged(k), data) for k in at)]
+        path = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+        return RecordedWrenches([path], ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
+
+    found = bag(lambda at: WALL_NS + 2 * at)
+    assert [each.stamp_ns for _, each in (*found, *found.setpoints)] == at
+    assert "run 2 times as fast as the stamps of the motion" in found.notes[-1]
+    with pytest.raises(LogError, match=r"of another clock than the stamps and leave a line .* by \d.*--use-sim-time"):
+        bag(lambda at: WALL_NS + at + 5 * SECOND * (at > 10 * SECOND))
+    # Within one clock that is only told.
+    within = bag(lambda at: at + 5 * SECOND * (at > 10 * SECOND))
+    assert sum("act at their log times all the same" in note for note in within.notes) == 1
+
+
+def test_a_motion_in_bursts_does_not_move_commands_to_actuators(tmp_path: Path) -> None:
+    """They acted up to a burst early: the first message of one was taken for the clock."""
+    stamps = range(WALL_NS, WALL_NS + 20 * SECOND, SECOND // 10)
+    rows = poses(stamps, lambda at: WALL_NS + -(-(at - WALL_NS + 1) // (2 * SECOND)) * 2 * SECOND)
+    rows += [("/w/command", SCALAR, WALL_NS + at * SECOND, cdr.encode(SCALAR, (0.5,))) for at in range(1, 20, 3)]
+    bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+    found = RecordedWrenches([bag], [], 20 * SECOND, start=WALL_NS, actuators=["w/command"])
+    assert [each.stamp_ns for _, each in found.setpoints] == [at * SECOND for at in range(1, 20, 3)]
+
+
+def test_commands_in_bursts_leave_the_start_to_the_steady_motion_beside_them(tmp_path: Path) -> None:
+    """The last of a burst is late, too: time 0 was 0.2 s before the bag."""
+    begin_ns = 50_000 * SECOND
+    rows = poses(range(begin_ns, begin_ns + 20 * SECOND, SECOND // 20), lambda at: at - begin_ns + WALL_NS)
+    stamps = [begin_ns + 300_000_000 + k * SECOND // 4 for k in range(79)]
+    rows += [
+        ("/wrench", STAMPED, WALL_NS + -(-(at - begin_ns) // (2 * SECOND)) * 2 * SECOND, stamped(at, 1.0))
+        for at in stamps
+    ]
+    bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+    found = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto")
+    assert found.facts["wrench_start_ns"] == str(begin_ns)
+    assert [wrench.stamp_ns for _, wrench in found] == [at - begin_ns for at in stamps]
+
+
+def test_commands_of_one_stamp_are_counted(tmp_path: Path) -> None:
+    """78 of 79 never acted, and a link that stalls was blamed."""
+    rows = poses(range(WALL_NS, WALL_NS + 20 * SECOND, SECOND // 20), lambda at: at)
+    rows += [("/wrench", STAMPED, WALL_NS + k * SECOND // 4, stamped(WALL_NS, 1.0)) for k in range(1, 79)]
+    bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+    told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto").notes
+    assert "77 of its 78 commands have the stamp of the one before" in told[-1]
+    assert not any("stalls" in note for note in told)
 
 
 def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: Path) -> None:

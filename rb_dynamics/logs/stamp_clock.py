@@ -1,0 +1,127 @@
+"""`StampClock`: which stamp belongs to a log time, by messages that have both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.formats.topic_messages import Times
+
+APART_NS = 100_000_000
+"""Log times are of one clock with the stamps if all are within a delay of this; ns."""
+# Points that are kept; of two neighbours, the one with the less delay.
+_MOST = 4096
+# A drift is told from at least so many messages, over so many s, if it is so many times what is left or so many s.
+_LEAST, _SHORTEST, _ABOVE, _SMALLEST = 8, 1.0, 4.0, 1e-3
+# In each of so many parts of the time, the least delay is on the line within these bounds, s: about a sample.
+_PARTS, _FINEST, _COARSEST = 16, 0.02, 0.1
+
+
+@dataclass(frozen=True)
+class ClockLine:
+    """A line through the delays of log times.
+
+    Attributes:
+        begin_ns: a log time.
+        behind_ns: by how much it is later than its stamp.
+        drift: how much this changes, s/s.
+        error_s: by how much the least delay leaves the line, in the worst part of the time.
+        straight: whether that is no more than jitter.
+        count: of messages.
+    """
+
+    begin_ns: int = 0
+    behind_ns: int = 0
+    drift: float = 0.0
+    error_s: float = 0.0
+    straight: bool = True
+    count: int = 0
+
+    def behind(self, log_times: Times) -> Times:
+        """Return by how much log times (ns) are later than the stamps."""
+        more: Times = np.rint(self.drift * (log_times - self.begin_ns)).astype(np.int64)
+        return self.behind_ns + more
+
+    def stamps(self, log_times: Times) -> Times:
+        """Return the stamps (ns) of log times."""
+        return log_times - self.behind(log_times)
+
+    def stamp(self, log_time: int) -> int:
+        """Return the same of one."""
+        return int(self.stamps(np.array(log_time, dtype=np.int64)))
+
+    @property
+    def one_clock(self) -> bool:
+        """Whether log times are the stamps, up to a delay."""
+        return self.drift == 0.0 and abs(self.behind_ns) <= APART_NS
+
+
+class StampClock:
+    """The line below the delays of all messages that is nearest to them on average, where bursts leave it.
+
+    It is the edge of their lower convex hull over their mean time: S. B. Moon, P. Skelly, D. Towsley, "Estimation and
+    removal of clock skew from network delay measurements", INFOCOM 1999.
+    """
+
+    def __init__(self) -> None:
+        """Begin without messages."""
+        self._points: NDArray[np.int64] = np.empty((0, 2), dtype=np.int64)
+        self.count = 0
+
+    def add(self, log_times: Times, stamps: Times) -> None:
+        """Take messages."""
+        self.count += len(stamps)
+        points = np.concatenate([self._points, np.column_stack([log_times, log_times - stamps])])
+        while len(points) > _MOST:
+            pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 2)
+            points = np.concatenate([pairs[range(len(pairs)), pairs[:, :, 1].argmin(axis=1)], points[2 * len(pairs) :]])
+        self._points = points
+        self.__dict__.pop("line", None)
+
+    @classmethod
+    def of(cls, log_times: Times, stamps: Times) -> StampClock:
+        """Return that of these messages, of which those without a stamp do not count."""
+        found = cls()
+        found.add(log_times[stamps != 0], stamps[stamps != 0])
+        return found
+
+    @cached_property
+    def line(self) -> ClockLine:
+        """What the messages so far say."""
+        points = self._points[np.lexsort(self._points.T[::-1])]
+        begin_ns, least_ns = int(points[0, 0]), int(points[:, 1].min())
+        at, late = (points - (begin_ns, least_ns)).T * 1e-9
+        part = np.minimum(at * _PARTS / max(at[-1], 1e-9), _PARTS - 1).astype(int)
+
+        def lowest(heights: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.array([heights[part == number].min() for number in np.unique(part)])
+
+        interval = abs(float((at[-1] - at[0]) - (late[-1] - late[0]))) / max(self.count - 1, 1)
+        jitter = min(max(interval, _FINEST), _COARSEST)
+        left, level, drift = lowest(late), 0.0, 0.0
+        if self.count >= _LEAST and at[-1] >= _SHORTEST:
+            (x, y), (x1, y1) = _edge(at.tolist(), late.tolist(), float(at.mean()))
+            slope = (y1 - y) / (x1 - x)
+            rest = lowest(late - y - slope * (at - x))
+            if rest.max() <= jitter and abs(slope) * at[-1] > max(_ABOVE * float(np.median(rest)), _SMALLEST):
+                left, level, drift = rest, y - slope * x, slope
+        error = float(left.max())
+        return ClockLine(begin_ns, least_ns + round(level * 1e9), drift, error, error <= jitter, self.count)
+
+
+def _edge(at: list[float], late: list[float], middle: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of the edge of the lower convex hull over `middle`; points are in the order of `at`."""
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(at, late, strict=True):
+        while len(hull) > 1:
+            (x0, y0), (x1, y1) = hull[-2:]
+            if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
+                break
+            hull.pop()
+        if not hull or x > hull[-1][0]:
+            hull.append((x, y))
+    return next((a, b) for a, b in pairwise(hull) if b[0] >= middle)
