@@ -159,6 +159,17 @@ def note_coasting(scene: Scene) -> None:
         print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
 
 
+def note_open_end(scene: Scene) -> None:
+    """Note on stderr that the bits are not those of a log without a duration."""
+    from rb_dynamics.run.plan import OPEN_END_HORIZON
+
+    print(
+        f"note: {scene.source} is of a run without a duration, whose accuracy was for {OPEN_END_HORIZON:g} s; here it "
+        f"is for the {scene.duration:.9g} s of the log, so the last digits may differ: replay has the bits of the log",
+        file=sys.stderr,
+    )
+
+
 def note_remarks(scene: Scene) -> None:
     """Note on stderr what is known to be wrong before the run."""
     from rb_dynamics.run.scene_remarks import scene_remarks

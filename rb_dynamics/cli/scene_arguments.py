@@ -78,8 +78,8 @@ def read(args: argparse.Namespace) -> Scene:
     return _read(args)[0]
 
 
-def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
-    """Return the scene, and of a log the channel of each topic that has another name."""
+def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str], bool]:
+    """Return the scene, and of a log the channel of each topic that has another name, and whether it was open-ended."""
     from rb_dynamics.formats.output_file import is_log
     from rb_dynamics.scene import read_scene
 
@@ -92,7 +92,7 @@ def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str]]:
         from rb_dynamics.logs.own_log import scene_of_log
 
         return scene_of_log(args.scene, overrides)
-    return read_scene(args.scene, overrides), {}
+    return read_scene(args.scene, overrides), {}, False
 
 
 def listed(commands: RecordedWrenches | list[tuple[str, Wrench]]) -> list[Command]:
@@ -112,7 +112,9 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     from rb_dynamics.cli import output
     from rb_dynamics.formats.output_file import is_log
 
-    scene, names = _read(args)
+    scene, names, open_ended = _read(args)
+    if open_ended:
+        output.note_open_end(scene)
     repeated = not args.wrench and is_log(args.scene)
     if not (args.wrench or (repeated and (scene.channels or scene.actuators))):
         return scene, []

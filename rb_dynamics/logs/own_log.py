@@ -106,12 +106,11 @@ def scene_and_names(
 
 def scene_of_log(
     path: str | os.PathLike[str], overrides: Mapping[str, object] = MappingProxyType({})
-) -> tuple[Scene, dict[str, str]]:
+) -> tuple[Scene, dict[str, str], bool]:
     """Return the scene of a log, changed by `overrides`, to be run again, and what each topic of the log commands.
 
     The second are the topics of channels and actuators in the scene, by those of the log that have another name.
-
-    An open-ended run ends where it ended in the log.
+    The third is whether the run was open-ended: it now ends where it ended in the log.
 
     Raises:
         LogError: it is not a log of this package.
@@ -121,15 +120,17 @@ def scene_of_log(
     for _ in source.blocks():
         pass
     logged, names = scene_and_names(source, "run again")
-    end_ns = source.metadata.get(RESULT, {}).get("end_time_ns")
-    if logged.duration is None and "duration" not in overrides and end_ns is not None:
+    open_ended = logged.duration is None and "duration" not in overrides
+    end_ns = source.metadata.get(RESULT, {}).get("end_time_ns") if open_ended else None
+    if end_ns is not None:
         overrides = {**overrides, "duration": int(end_ns) / 1e9}
     scene = parse_scene(logged.text, f"{source.path}: {SCENE}", overrides)
     present = {channel.topic for channel in source.channels.values()}
     topics = {names[channel.topic]: channel.topic for channel in logged.channels}
     # One that was never commanded has no topic there.
     topics |= {names[each.topic]: each.topic for each in logged.actuators if names[each.topic] in present}
-    return scene, {topic: channel for topic, channel in topics.items() if topic.lstrip("/") != channel.lstrip("/")}
+    names = {topic: channel for topic, channel in topics.items() if topic.lstrip("/") != channel.lstrip("/")}
+    return scene, names, end_ns is not None
 
 
 def opened_scene(scene: Scene | str | os.PathLike[str]) -> Scene:

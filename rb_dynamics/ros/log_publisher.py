@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,11 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.mcap_records import McapChannel
+from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.rosbag2_metadata import offered_qos
+from rb_dynamics.logs.messages import APPLIED, decode_wrench
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.other_nodes import unconnected
 from rb_dynamics.ros.pacing import Pacer
@@ -51,8 +55,14 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
     """
     # Read the whole log once first: this finds damage, and creates all topics before the first message.
     source = open_source(log)
-    for _ in source.messages():
-        pass
+    stamped_later = Counter(
+        message.channel.topic
+        for message in source.messages()
+        if RUN in source.metadata
+        and message.channel.type_name == WRENCH
+        and not message.channel.topic.endswith(APPLIED)
+        and decode_wrench(WRENCH, message.log_time, message.data).stamp_ns > message.log_time
+    )
     rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node("log_publisher")
@@ -60,6 +70,12 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
             publishers = {channel.topic: _publisher(node, channel) for channel in source.channels.values()}
             ticks = node.create_publisher(Clock, "/clock", 1) if clock and "/clock" not in publishers else None
             known = {topic: each for topic, each in publishers.items() if each is not None}
+            if stamped_later:
+                told = ", ".join(f"{count} on {topic}" for topic, count in stamped_later.items())
+                node.get_logger().warning(
+                    f"commands ({told}) are stamped later than the simulation time at which they took effect, as those "
+                    "of a node in real time: a node in lockstep does not repeat this log from them; simulate LOG does"
+                )
             wait_for_readers(node, list(known.values()))
             return _play(log, rate, known, ticks)
         finally:

@@ -516,6 +516,23 @@ def test_a_log_is_flown_by_when_its_commands_took_effect(scene: Path, tmp_path: 
     assert [wrench.stamp_ns for _, wrench in found] == [0]
 
 
+@pytest.mark.parametrize("duration", ["", "duration: 2\n"])
+def test_the_accuracy_of_a_log_without_a_duration_is_said_to_be_another(
+    duration: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page promised its bits."""
+    log = tmp_path / "run.mcap"
+    run = Simulation(parse_scene(f"body: {{mass: 2, inertia: {{diagonal: [1, 2, 3]}}}}\n{duration}"), [McapSink(log)])
+    run.start()
+    run.advance(2 * SECOND)
+    run.finish()
+    assert main(["simulate", str(log)]) == 0
+    told = "whose accuracy was for 3600 s; here it is for the 2 s of the log"
+    assert (told in capsys.readouterr().err) == (not duration)
+    assert main(["simulate", str(log), "--duration", "2"]) == 0
+    assert told not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("stamps", "force", "start", "says"),
     [

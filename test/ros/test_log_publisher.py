@@ -28,7 +28,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 
-from rb_dynamics import Wrench, parse_scene, simulate
+from rb_dynamics import Simulation, Wrench, parse_scene, simulate
 from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.ros.log_publisher import wait_for_readers
@@ -78,6 +78,21 @@ def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
     assert peer.heard["/inertia"][0].inertia.m == 2.0
     ticks = [each.clock.sec * 10**9 + each.clock.nanosec for each in peer.heard["/clock"]]
     assert ticks == sorted(set(ticks))
+
+
+@pytest.mark.parametrize("epoch_ns", [0, 10**18])
+def test_commands_by_ros_time_are_said_to_repeat_no_log(
+    epoch_ns: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A node in lockstep ran to its end without any of them."""
+    log = tmp_path / "run.mcap"
+    run = Simulation(SCENE, [McapSink(log)])
+    run.start()
+    run.post("wrench", Wrench(torque=(0.0, 0.5, 0.0), stamp_ns=300_000_000 + epoch_ns), 300_000_000)
+    run.advance(10**9)
+    run.finish()
+    assert command("replay", str(log), "--into", "ros", "--rate", "0").returncode == 0
+    assert ("commands (1 on /wrench) are stamped later" in capfd.readouterr().err) == bool(epoch_ns)
 
 
 def test_readers_that_are_found_late_are_waited_for(peer: Peer) -> None:
