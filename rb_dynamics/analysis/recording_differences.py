@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
 from rb_dynamics.analysis.interpolated_signal import MotionSignals, Signal, differences
 from rb_dynamics.analysis.time_alignment import Alignment
-from rb_dynamics.analysis.track import Array, Times, Track
+from rb_dynamics.analysis.track import Array, Times, Track, shared
 from rb_dynamics.analysis.transform_tree import is_fixed, pose_between
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
@@ -676,8 +676,11 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
     if (position := found.get("position")) is not None and len(position.size) > 3 and position.rms > 1e-9:
         apart = position.second - position.first
         shifts = {"": _constant_shift(apart)}
-        if attitude is not None and np.array_equal(attitude.time_ns, position.time_ns):
-            shifts[" in the body axes of A"] = _constant_shift(rotate_all_inverse(attitude.first, apart))
+        if attitude is not None:
+            times, turns, places = shared(attitude.time_ns, position.time_ns)
+            if len(times) > 3:
+                in_body = rotate_all_inverse(attitude.first[turns], apart[places])
+                shifts[" in the body axes of A"] = _constant_shift(in_body)
         axes, (mean, rest) = min(shifts.items(), key=lambda shift: shift[1][1])
         if rest * _CONSTANT < position.rms:
             place = ", ".join(f"{part:.6g}" for part in mean)
