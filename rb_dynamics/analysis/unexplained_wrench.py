@@ -242,7 +242,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
-    confirmed = changes and (found is None or (_share(found, track) < _WHOLE if found.explained else found.pushed))
+    blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
     mass = fitted_mass(track, turned, moving) if explained or other is not None else None
     mass = mass or FittedMass(None, np.inf, True)
@@ -265,7 +265,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         recorded=track.acted,
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
-        untold=_untold(found, explained, level, confirmed or bias is not None or other is not None),
+        untold=_untold(found, explained, level, (changes and blamed) or bias is not None or other is not None),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),

@@ -134,19 +134,36 @@ def pushed(seed: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> 
 
 def spun_up(torque_world: tuple[float, float, float]) -> Recording:
     """Return a recording of a body that an unrecorded torque turns ever faster, so that attitude noise counts more."""
-    random, times, body = np.random.default_rng(5), np.arange(7200) * 12_500_000, _body(np.random.default_rng(5))
-    slow = State(angular_velocity_body=(0.1, 0.2, 0.3))
+    body = _body(np.random.default_rng(5))
     torque = max(body.principal_moments) * np.array(torque_world)
-    flown = driven_motion(body, slow, times, method="rkmk4", step=0.01, torque_world=np.tile(torque, (len(times), 1)))
-    attitude = np.asarray(flown.orientation_xyzw) + np.pad(1.5e-3 * random.standard_normal((7200, 3)), ((0, 0), (0, 1)))
+    return _turning(body, (0.1, 0.2, 0.3), np.arange(7200) * 12_500_000, torque, 3e-3, 1e-3)
+
+
+def flipping(seed: int) -> Recording:
+    """Return a recording of a free body that turns over again and again, as it spins about its middle axis."""
+    random = np.random.default_rng(seed)
+    turn, moments = np.linalg.qr(random.standard_normal((3, 3)))[0], np.sort(random.uniform(0.5, 0.9, 3))
+    body = RigidBody.from_matrix(8.0, (turn @ np.diag(moments) @ turn.T).tolist())
+    axes = np.linalg.eigh(np.array(body.inertia))[1]
+    rates = axes @ [1e-3 * random.standard_normal(), 1.5, 1e-3 * random.standard_normal()]
+    return _turning(body, tuple(rates.tolist()), np.arange(2000) * 20_000_000, np.zeros(3), 1e-3, 2e-3)
+
+
+def _turning(body: RigidBody, rates: Any, times: Any, torque: Any, tracker: float, gyro: float) -> Recording:
+    """Return a recording of a body under a torque in world axes; `tracker` and `gyro` are noise, rad and rad/s."""
+    random, count = np.random.default_rng(5), len(times)
+    start = State(angular_velocity_body=rates)
+    flown = driven_motion(body, start, times, method="rkmk4", step=0.01, torque_world=np.tile(torque, (count, 1)))
+    noise = np.pad(0.5 * tracker * random.standard_normal((count, 3)), ((0, 0), (0, 1)))
+    attitude = np.asarray(flown.orientation_xyzw) + noise
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     velocity = rotate_all_inverse(np.asarray(flown.orientation_xyzw), np.asarray(flown.linear_velocity_world))
-    rates = np.asarray(flown.angular_velocity_body) + 1e-3 * random.standard_normal((7200, 3))
+    measured = np.asarray(flown.angular_velocity_body) + gyro * random.standard_normal((count, 3))
     topics = [
         _topic("/pose", POSE, times, "world", np.hstack([np.asarray(flown.position_world), attitude])),
-        _topic("/twist", TWIST, times, "base", np.hstack([velocity, rates])),
+        _topic("/twist", TWIST, times, "base", np.hstack([velocity, measured])),
     ]
-    return Recording(Bag(Path("spun.mcap"), True, {topic.name: topic for topic in topics}, {}, {}), body, {})
+    return Recording(Bag(Path("turning.mcap"), True, {topic.name: topic for topic in topics}, {}, {}), body, {})
 
 
 def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:

@@ -2,9 +2,9 @@
 
 The start of the motion is fitted with the given inertia and the recorded torques. Each candidate for what may be wrong
 is then added to the model, and one Gauss-Newton step is taken with it, from exact derivatives: the score test (Rao,
-Proc. Cambridge Phil. Soc. 44 (1948) 50), which no other minimum of the fit can mislead. Where residuals stay coloured,
-the covariance is that of coloured noise, doubled. An inertia that counts is fitted to the end. So is the mass, to the
-translation.
+Proc. Cambridge Phil. Soc. 44 (1948) 50). Where residuals stay coloured, the covariance is that of coloured noise,
+doubled. If one counts, each is fitted to the end: beside a start that does not fit, one step tells little. So is
+the mass, to the translation.
 
 The time of a fit grows with the recording: of a long one, a part is fitted.
 """
@@ -62,9 +62,9 @@ _PARTS = 8
 _LESS_EXACT = 10.0
 # Standard errors of a change of six numbers that is found in 95 of 100 recordings at this chance.
 _SURELY = 7.0
-_ITERATIONS = 8
-# Of the sum of squares over the noise: a gain that is not worth another step.
-_GAIN = 0.01
+# What their parameters are called: inertia, delays, bias, torque.
+_CANDIDATES = (("size", "shape"), "delay.", "gyro_bias", "effects")
+_GYRO = ("gyro_bias", "gyro_scale", "gyro_alignment")
 # A torque is believed in if it leaves at most this part of what is left beyond noise by any error of a sensor: where
 # only noise is left, and otherwise.
 _LESS, _MUCH_LESS = 0.5, 0.1
@@ -140,7 +140,7 @@ class InertiaScore:
             where no constant error does, and are likelier than another inertia; None if none are.
         torque: the unrecorded torque that leaves only noise, and less than an error of a sensor; None if none does.
         pushed: whether a torque acted, by the fit: it leaves much less than an error of a sensor, or no sensor's error
-            alone can be the cause. True if no motion follows the recording.
+            alone can be the cause.
     """
 
     begin_ns: int
@@ -154,7 +154,7 @@ class InertiaScore:
     late: bool = False
     gyro: Array | None = None
     torque: FittedTorque | None = None
-    pushed: bool = True
+    pushed: bool = False
 
 
 def score_inertia_in_parts(track: Track, body: RigidBody, moving: TimeSeries) -> InertiaScore | None:
@@ -310,20 +310,36 @@ class _Tried(NamedTuple):
     """One step with a candidate in the model.
 
     Attributes:
-        step: of the parameters of the candidate.
-        covariance: of these.
+        covariance: of the parameters of the candidate.
         chance: that a recording without what the candidate stands for looks like this.
         white: whether what is left is noise.
         level: mean square of what is left over the noise, at least 1.
         criterion: that of Schwarz, up to a constant: of two candidates, the one with less is the likelier.
     """
 
-    step: Array
     covariance: Array
     chance: float
     white: bool
     level: float
     criterion: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether the candidate counts, and leaves only noise."""
+        return self.white and self.chance <= _CHANCE
+
+
+class _Fitted(NamedTuple):
+    """A fit with a candidate in the model: its parameters, and a last step of the candidate's."""
+
+    model: Model
+    z: Array
+    tried: _Tried
+
+    def values(self, starts: str) -> Array:
+        """Return the numbers of blocks whose names start like that."""
+        layout = self.model.layout
+        return np.concatenate([layout[name].values(self.z) for name in layout.blocks if name.startswith(starts)])
 
 
 class _Judge:
@@ -345,20 +361,15 @@ class _Judge:
         attitude = (level for (_, kind, _), level in self.noise.items() if kind == ATTITUDE)
         noise, hidden = float(np.sqrt(3.0)) * next(attitude, 0.0), (np.inf, np.inf, np.inf)
         found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
-        z = self._start()
-        if z is None:
-            # With an inertia in other units, no motion follows the recording.
-            return replace(found, inertia=self._inertia())
-        return self._beside(z, found, doubtful)
+        return self._beside(followed(self.model, np.zeros(self.model.layout.count), self.noise), found, doubtful)
 
     def mass(self) -> FittedMass | None:
         """Return the mass that fits best; None if no motion follows the recording."""
         # A delay may look like another mass.
-        model = Model(self.scene, [self.flight], (*self.base, "mass", "delay"))
-        found = self._fitted(model, starts_of(model, self.noise), ("mass",))
+        found = self._fitted(self.scene, ("mass", "delay"))
         if found is None:
             return None
-        at, tried = found
+        model, at, tried = found
         change, deviation = float(at[model.layout["mass"].at][0]), float(np.sqrt(tried.covariance[0, 0]))
         mass = model.body(at).mass
         known = deviation <= _KNOWN and self._near_noise(list(model.predict(at, derivatives=False)))
@@ -371,68 +382,47 @@ class _Judge:
         nothing = Wrench(ZERO, ZERO, self.scene.frames.body_frame)
         pushed = replace(self.scene, effects=(ScheduledWrench(tuple((t, nothing) for t in edges[:-1].tolist())),))
         pieces = [f"effects[0].schedule[{k}].torque" for k in range(_PIECES)]
-        gyros = ("gyro_bias", "gyro_scale", "gyro_alignment")
-        wide = Model(pushed, [self.flight], (*self.base, "inertia", "delay", *gyros, *pieces))
+        wide = Model(pushed, [self.flight], (*self.base, "inertia", "delay", "gyro_bias", *pieces))
         at = self._within(wide, z)
         predicted = list(wide.predict(at))
         if not self._sane(predicted):
+            # With an inertia in other units, no motion follows the recording.
             return replace(found, inertia=self._inertia())
-        blocks = {
-            of: [name for name in wide.layout.blocks if name.startswith(starts) and name not in self.model.layout]
-            for of, starts in (
-                ("inertia", ("size", "shape")), ("late", "delay."), ("bias", "gyro_bias"), ("torque", "effects"),
-                ("gyro", "gyro_"),
-            )
-        }  # fmt: skip
         base = _columns(wide, self.model.layout.blocks)
-        tried = {of: self._tried(predicted, base, _columns(wide, names)) for of, names in blocks.items() if names}
-        gyro = tried.pop("gyro", None)
+        own = [[name for name in self._own(wide) if name.startswith(of)] for of in _CANDIDATES]
+        tried = [self._tried(predicted, at, base, _columns(wide, names)) for names in own if names]
         found = replace(
             found,
-            explained=self._near_noise(predicted) and all(each.chance > _CHANCE for each in tried.values()),
-            scaled=_scaled(tried["inertia"].covariance),
-            unseen=_unseen(wide, at, tried["inertia"].covariance),
+            explained=self._near_noise(predicted) and all(each.chance > _CHANCE for each in tried),
+            scaled=_scaled(tried[0].covariance),
+            unseen=_unseen(wide, at, tried[0].covariance),
         )
         if found.explained and not doubtful:
             return found
-        bias, pushes, inertia = tried.get("bias"), tried["torque"], self._inertia()
-        scale = np.concatenate([wide.layout[name].scale for name in blocks["torque"]])
-        start = self._tried(predicted, base, base[:0]).level - 1.0
-        errors = [each.level - 1.0 for each in (tried.get("late"), bias, gyro) if each is not None]
-        least = min([start, *errors])
-        beats = pushes.level - 1.0 <= (_LESS if pushes.white else _MUCH_LESS) * least and (pushes.white or least > 0.0)
-        alone = [self._tried([each], base, base[:0]).level for each in predicted]
+        inertia, start = self._inertia(), self._tried(predicted, at, base, base[:0]).level - 1.0
+        bias, gyro, late = (self._fitted(self.scene, groups, z) for groups in (_GYRO[:1], _GYRO, ("delay",)))
+        pushes = self._fitted(pushed, pieces, z)
+        errors = [each.tried.level - 1.0 for each in (bias, gyro, late) if each is not None]
+        least, torque = min([start, *errors]), None
+        beats, alone = False, [self._alone(stream) for stream in self.flight.streams]
         blameless = min(alone) > EXPLAINED**2 and min(errors, default=start) > _MUCH_LESS * start
+        if pushes is not None:
+            white, left = pushes.tried.white, pushes.tried.level - 1.0
+            beats = left <= (_LESS if white else _MUCH_LESS) * least and (white or least > 0.0)
+            if white and beats:
+                torque = self._torque(edges, pushes.values("effects").reshape(-1, 3))
         rival = np.inf if inertia is None or not inertia.explains else inertia.criterion
-        off = gyro is not None and gyro.white and gyro.criterion < rival
-        if off and gyro is not None and not (bias is not None and bias.white):
-            of_gyro = _columns(wide, blocks["gyro"])
-            at[of_gyro] += gyro.step
-            found = replace(
-                found, gyro=np.append(*(wide.layout[name].values(at) for name in blocks["gyro"] if "bias" not in name))
-            )
+        of_bias = None if bias is None or not bias.tried.explains else bias.values("gyro_bias")
+        of_gyro = gyro is not None and gyro.tried.explains and gyro.tried.criterion < rival and of_bias is None
         return replace(
             found,
             inertia=inertia,
-            bias=bias.step * wide.layout[blocks["bias"][0]].scale if bias is not None and bias.white else None,
-            late=bool(blocks["late"]) and self._late(z, inertia),
-            torque=self._torque(edges, (scale * pushes.step).reshape(-1, 3)) if pushes.white and beats else None,
+            bias=of_bias,
+            late=late is not None and late.tried.explains and late.tried.criterion < rival,
+            gyro=np.append(gyro.values("gyro_scale"), gyro.values("gyro_alignment")) if gyro and of_gyro else None,
+            torque=torque,
             pushed=beats or blameless,
         )
-
-    def _start(self) -> Array | None:
-        """Return the parameters of the start; None if the motion diverges."""
-        z = np.zeros(self.model.layout.count)
-        for _ in range(_ITERATIONS):
-            predicted = list(self.model.predict(z))
-            if not self._sane(predicted):
-                return None
-            left, by = stacked(predicted, self.noise)
-            step = np.linalg.lstsq(np.vstack([by, np.eye(len(z))]), np.append(-left, -z), rcond=None)[0]
-            z = z + step
-            if float(np.sum((by @ step) ** 2)) < _GAIN:
-                break
-        return z
 
     def _within(self, wide: Model, z: Array) -> Array:
         """Return the parameters of a start as those of a model that has more."""
@@ -454,6 +444,7 @@ class _Judge:
     def _tried(
         self,
         predicted: Sequence[Predicted],
+        z: Array,
         base: npt.NDArray[np.int64],
         own: npt.NDArray[np.int64],
     ) -> _Tried:
@@ -480,7 +471,7 @@ class _Judge:
             covariance = covariance * level
         else:
             covariance, freedom = widened(root, bands)
-        mine, change = covariance[len(base) :, len(base) :], step[len(base) :]
+        mine, change = covariance[len(base) :, len(base) :], z[own] + step[len(base) :]
         sizes, axes = np.linalg.eigh(mine)
         seen = axes[:, sizes < TOLD**2]
         chance = 1.0
@@ -488,15 +479,14 @@ class _Judge:
             along = seen.T @ change
             statistic = float(along @ np.linalg.solve(seen.T @ mine @ seen, along)) / len(along)
             chance = float(fdtrc(len(along), freedom, statistic))
-        return _Tried(change, mine, chance, white, level, float(criterion))
+        return _Tried(mine, chance, white, level, float(criterion))
 
     def _inertia(self) -> FittedInertia | None:
         """Return the inertia that fits best; None if no motion follows the recording."""
-        model = Model(self.scene, [self.flight], (*self.base, "inertia"))
-        found = self._fitted(model, starts_of(model, self.noise), ("size", "shape"))
+        found = self._fitted(self.scene, ("inertia",))
         if found is None:
             return None
-        at, tried = found
+        model, at, tried = found
         matrix, scaled, covariance = model.body(at).inertia, _scaled(tried.covariance), tried.covariance
         if not scaled:
             matrix = matrix * model.inertia.trace / np.trace(matrix)
@@ -506,34 +496,39 @@ class _Judge:
         errors = np.sqrt(np.einsum("ij,jk,ik->i", by, covariance, by)).tolist()
         return FittedInertia(matrix, (errors[0], errors[1], errors[2]), scaled, tried.white, tried.criterion)
 
-    def _late(self, z: Array, inertia: FittedInertia | None) -> bool:
-        """Return whether delays leave only noise, and are likelier than another inertia."""
-        model = Model(self.scene, [self.flight], (*self.base, "delay"))
-        names = [name for name in model.layout.blocks if name.startswith("delay.")]
-        found = self._fitted(model, [self._within(model, z)], names)
-        return found is not None and found[1].white and (inertia is None or found[1].criterion < inertia.criterion)
+    def _fitted(self, scene: Scene, groups: Sequence[str], z: Array | None = None) -> _Fitted | None:
+        """Return the best fit with `groups` besides the start, from that start or several.
 
-    def _fitted(self, model: Model, starts: Sequence[Array], names: Sequence[str]) -> tuple[Array, _Tried] | None:
-        """Return the parameters of the best fit, and a last step with the blocks `names` besides the others.
-
-        A fit that leaves only noise is the best: no other start can improve it.
+        None if they add nothing, or no motion follows the recording. A fit that leaves only noise is the best: no other
+        start can improve it.
         """
-        own = _columns(model, names)
+        model = Model(scene, [self.flight], (*self.base, *groups))
+        own = _columns(model, self._own(model))
         base = np.setdiff1d(np.arange(model.layout.count), own)
-        best: tuple[Array, _Tried] | None = None
-        for start in starts:
+        best: _Fitted | None = None
+        for start in starts_of(model, self.noise) if z is None else [self._within(model, z)] * bool(len(own)):
             # From an inertia in other units, a search may go far astray.
             with np.errstate(over="ignore", invalid="ignore"):
-                z = followed(model, start, self.noise)
-                predicted = list(model.predict(z))
+                at = followed(model, start, self.noise)
+                predicted = list(model.predict(at))
             if not self._sane(predicted):
                 continue
-            tried = self._tried(predicted, base, own)
-            if best is None or tried.criterion < best[1].criterion:
-                best = z, tried
+            tried = self._tried(predicted, at, base, own)
+            if best is None or tried.criterion < best.tried.criterion:
+                best = _Fitted(model, at, tried)
             if tried.white:
                 break
         return best
+
+    def _own(self, model: Model) -> list[str]:
+        """Return the blocks of a model besides the start."""
+        return [name for name in model.layout.blocks if name not in self.model.layout]
+
+    def _alone(self, stream: Stream) -> float:
+        """Return the mean square that the given inertia leaves of one sensor, over its noise."""
+        model = Model(self.scene, [replace(self.flight, streams=(stream,))], self.base)
+        at = followed(model, np.zeros(model.layout.count), self.noise)
+        return self._tried(list(model.predict(at)), at, _columns(model, model.layout.blocks), _columns(model, ())).level
 
     def _torque(self, edges: Array, body: Array) -> FittedTorque:
         """Return a torque; in world axes by the attitude that was measured next to the middle of each piece."""
@@ -548,8 +543,8 @@ class _Judge:
 
 def _columns(model: Model, names: Iterable[str]) -> npt.NDArray[np.int64]:
     """Return where the parameters of some blocks are."""
-    blocks = [model.layout[name].at for name in names]
-    return np.concatenate([np.arange(at.start, at.stop, dtype=np.int64) for at in blocks])
+    every = np.arange(model.layout.count, dtype=np.int64)
+    return np.concatenate([every[:0], *(every[model.layout[name].at] for name in names)])
 
 
 def _scaled(covariance: Array) -> bool:

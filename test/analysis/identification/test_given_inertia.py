@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noisy_recordings import Recording, recording, spun_up
+from noisy_recordings import Recording, flipping, recording, spun_up
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification import given_inertia
@@ -121,6 +121,18 @@ def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
     left = judged(with_rates(track, track.twist.values[:, 3:] + [2e-3, -1e-3, 1e-3]))
     assert not left.explained
     np.testing.assert_allclose(left.bias, [2e-3, -1e-3, 1e-3], atol=2e-4)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_bias_is_no_torque_where_the_fit_has_other_minima(seed: int) -> None:
+    """From one of them, a torque was said to have acted that nobody commanded, and a delay to explain poses alone."""
+    made, bias = flipping(seed), np.array([-9.1e-3, 4.2e-3, -12.3e-3])
+    track = read_track(made.bag, made.scene())
+    assert track.twist is not None
+    left = judged(with_rates(track, track.twist.values[:, 3:] + bias))
+    np.testing.assert_allclose(left.bias, bias, atol=5e-4)
+    assert left.pieces is None
+    assert judged(track_of(made, without="/twist")).explained
 
 
 def test_of_commands_that_are_late_nothing_is_said() -> None:
