@@ -138,16 +138,22 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         return Check(name, True, f"{count} samples")
     if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
         return Check(name, False, lacks)
-    again = _repeated(series)
-    repeats = f", of which {again} repeat the one before, with its time" if again else ""
-    return Check(name, True, f"{count} samples{repeats}, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart")
+    return Check(
+        name, True, f"{count} samples{_repeated(series)}, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart"
+    )
 
 
-def _repeated(series: TimeSeries) -> int:
-    """Return how many samples are recorded again, as by two recorders or a topic that is published twice."""
+def _repeated(series: TimeSeries) -> str:
+    """Return how many samples are recorded again, as by two recorders, or come faster than their clock ticks."""
     at = np.flatnonzero(np.diff(series.time_ns) == 0)
-    found = (np.array_equal(series.values[row], series.values[row + 1], equal_nan=True) for row in at.tolist())
-    return sum(found)
+    same = (np.array_equal(series.values[row], series.values[row + 1], equal_nan=True) for row in at.tolist())
+    again = sum(same)
+    found = f", of which {again} repeat the one before, with its time" if again else ""
+    if others := len(at) - again:
+        tick = float(np.median(np.diff(series.once.time_ns))) * 1e-9
+        found += f", of which {others} have the stamp of the one before, as of a clock that ticks every {tick:.6g} s: "
+        found += "of each stamp, the first is judged"
+    return found
 
 
 def _damaged(track: Track) -> list[Topic]:

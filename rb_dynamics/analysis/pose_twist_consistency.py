@@ -156,6 +156,7 @@ def agreements(track: Track) -> tuple[Agreement, ...]:
 
 def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> tuple[Agreement, ...]:
     """Return how attitude and position of a pose agree with a twist; NaN: not measured. Empty for too few samples."""
+    pose, twist = pose.once, twist.once
     if len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
         return ()
     both = _Both.of(pose, twist)
@@ -297,7 +298,6 @@ class _Both:
     def of(pose: TimeSeries, twist: TimeSeries) -> _Both | None:
         start = twist.time_ns[0]
         within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
-        within[1:] &= np.diff(pose.time_ns) > 0
         time_ns = pose.time_ns if within.all() else pose.time_ns[within]
         if len(time_ns) < 2 * _LEAST_WINDOWS:
             return None

@@ -65,6 +65,12 @@ class TimeSeries:
         """Messages, with those that are left out."""
         return len(self.time_ns) + self.left_out
 
+    @property
+    def once(self) -> TimeSeries:
+        """The same with the first sample of each stamp: stamps of a coarse clock stand for several."""
+        first = np.append(True, np.diff(self.time_ns) > 0)
+        return self if first.all() else replace(self, time_ns=self.time_ns[first], values=self.values[first])
+
     def faults(self, start_ns: int) -> list[str]:
         """Return what is wrong with frames and stamps, as text; times count from `start_ns`."""
         told = []

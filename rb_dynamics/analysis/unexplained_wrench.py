@@ -300,7 +300,7 @@ def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: b
         return "a delay of a sensor or of the commands would explain what is left as well"
     if found is not None and found.gyro is not None:
         factors, turn = ", ".join(f"{each:.4g}" for each in found.gyro[:3]), np.rad2deg(np.linalg.norm(found.gyro[3:]))
-        what = f"factors of ({factors}) and axes turned by {turn:.3g}°"
+        what = f"factors of ({factors}) and axes turned by {turn:.3g}°" if turn >= 0.0 else "of factors and axes"
         return f"errors of the measured rates, {what}, would explain what is left as well"
     if caused or (found is not None and found.torque is not None):
         return ""

@@ -34,6 +34,12 @@ def test_the_longest_of_many_holes_are_named_in_their_order() -> None:
     assert found.count(" from t = ") == 5
 
 
+def test_stamps_of_a_clock_that_ticks_seldom_are_no_gaps() -> None:
+    """Of each ten samples nine have the stamp of the one before: every tick was a gap."""
+    assert told(np.repeat(STEP * np.arange(100), 10), 0) == ""
+    assert told(np.repeat(STEP * np.delete(np.arange(100), 50), 10), 0).startswith("1 gap: 0.02 s")
+
+
 @pytest.mark.parametrize(("missing", "words"), [((0, 350), "begins 3.5 s after"), ((600, 1000), "stops 4 s before")])
 def test_a_stream_that_begins_late_or_ends_early_is_named(missing: tuple[int, int], words: str) -> None:
     begin, end = missing

@@ -76,6 +76,18 @@ def test_a_twist_that_stands_still_for_a_while_is_told() -> None:
     assert TURNS not in failing(bag_of(motion, twist_rows=rows))
 
 
+@pytest.mark.parametrize("ticks", [2, 10, 20])
+def test_stamps_coarser_than_the_samples_are_no_lag(ticks: int) -> None:
+    """Of each stamp the first pose stood against the mean of all twists: a twist of the same messages was ahead."""
+    motion = precessing()
+    motion.time_ns = motion.time_ns // (ticks * 10_000_000) * (ticks * 10_000_000)
+    assert not failing(bag_of(motion))
+    found = {each.name: each.detail for each in checks_of(bag_of(motion))}
+    assert not any("ahead" in found[each] or "lags" in found[each] for each in (TURNS, MOVES))
+    repeated, clock = 1000 - 1000 // ticks, f"a clock that ticks every {0.01 * ticks:g} s"
+    assert f"{repeated} have the stamp of the one before, as of {clock}" in found["/b/pose is whole"]
+
+
 @pytest.mark.parametrize("lag_ms", [50, -50, 10, 400])
 def test_a_twist_that_lags_the_pose_is_told_with_its_lag(lag_ms: int) -> None:
     motion = precessing()

@@ -100,18 +100,19 @@ class Flight:
             )
 
     def without_repeats(self) -> Flight:
-        """Return the same without samples that are recorded again, which would make errors look smaller."""
+        """Return the same with one sample of each time: others are recorded again, or the clock is too coarse for them.
+
+        What is recorded again would make errors look smaller; of a coarse clock the first is nearest to its time.
+        """
         streams, told = [], []
         for stream in self.streams:
             again = np.append(False, np.diff(stream.time_ns) == 0)
-            again[1:] &= (stream.values[1:] == stream.values[:-1]).all(axis=1)
             if again.any():
                 told.append(
-                    f"{self.name}: {int(again.sum())} of {len(again)} samples of {stream.topic} {stream.kind} repeat "
-                    "the one before, with its time, and are left out"
+                    f"{self.name}: {int(again.sum())} of {len(again)} samples of {stream.topic} {stream.kind} have the "
+                    "time of the one before, and are left out"
                 )
-            kept = ~again
-            streams.append(replace(stream, time_ns=stream.time_ns[kept], values=stream.values[kept]))
+            streams.append(replace(stream, time_ns=stream.time_ns[~again], values=stream.values[~again]))
         return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
 
     def require_dense(self) -> None:

@@ -68,6 +68,8 @@ _GYRO = ("gyro_bias", "gyro_scale", "gyro_alignment")
 # A torque is believed in if it leaves at most this part of what is left beyond noise by any error of a sensor: where
 # only noise is left, and otherwise.
 _LESS, _MUCH_LESS = 0.5, 0.1
+# Standard error of a factor, or of a turn (rad), with which it is not told.
+_VAGUE = 0.01
 # A mass is known if its relative standard error is less than this.
 _KNOWN = 0.1
 
@@ -137,7 +139,8 @@ class InertiaScore:
         bias: the constant error of the rates that leaves only noise, rad/s, body axes; None if none does.
         late: whether a delay of a sensor or of the commands leaves only noise, and is likelier than another inertia.
         gyro: factors of the measured rates along each axis and rotation vector of its axes (rad) that leave only noise
-            where no constant error does, and are likelier than another inertia; None if none are.
+            where no constant error does, and are likelier than another inertia; NaN if the rates do not tell which;
+            None if none are.
         torque: the unrecorded torque that leaves only noise, and less than an error of a sensor; None if none does.
         pushed: whether a torque acted, by the fit: it leaves much less than an error of a sensor, or no sensor's error
             alone can be the cause.
@@ -256,7 +259,7 @@ def _part(
         if each.known.any() and not each.weight
     )
     moved = tuple(replace(stream, time_ns=stream.time_ns - first) for stream in streams)
-    return Flight(str(track.bag.path), moved, channels).without_repeats(), first
+    return Flight(str(track.bag.path), moved, channels), first
 
 
 def _known(track: Track) -> list[tuple[int, int]]:
@@ -297,9 +300,10 @@ def _translation(track: Track) -> list[Stream]:
 
 
 def _thinned(stream: Stream, begin: int, end: int) -> Stream:
-    """Return what a stream measured in a part, with samples left out evenly where there are many."""
+    """Return what a stream measured in a part, once at each stamp, with samples left out evenly where there are many."""
     first, last = np.searchsorted(stream.time_ns, [begin, end + 1]).tolist()
-    rows = slice(first, last, max(1, -(-(last - first) // _MOST)))
+    once = first + np.flatnonzero(np.diff(stream.time_ns[first:last], prepend=-1))
+    rows = once[:: max(1, -(-len(once) // _MOST))]
     times, values = stream.time_ns[rows], stream.values[rows]
     kept = np.isfinite(values).all(axis=1)
     values = unit_rows(values[kept]) if stream.kind == ATTITUDE else values[kept]
@@ -413,13 +417,17 @@ class _Judge:
                 torque = self._torque(edges, pushes.values("effects").reshape(-1, 3))
         rival = np.inf if inertia is None or not inertia.explains else inertia.criterion
         of_bias = None if bias is None or not bias.tried.explains else bias.values("gyro_bias")
-        of_gyro = gyro is not None and gyro.tried.explains and gyro.tried.criterion < rival and of_bias is None
+        of_gyro = None
+        if gyro is not None and gyro.tried.explains and gyro.tried.criterion < rival and of_bias is None:
+            of_gyro = np.append(gyro.values("gyro_scale"), gyro.values("gyro_alignment"))
+            if np.linalg.norm(gyro.tried.covariance, 2) > _VAGUE**2:
+                of_gyro = np.full(6, np.nan)
         return replace(
             found,
             inertia=inertia,
             bias=of_bias,
             late=late is not None and late.tried.explains and late.tried.criterion < rival,
-            gyro=np.append(gyro.values("gyro_scale"), gyro.values("gyro_alignment")) if gyro and of_gyro else None,
+            gyro=of_gyro,
             torque=torque,
             pushed=beats or blameless,
         )

@@ -174,6 +174,18 @@ def test_rates_by_another_scale_or_of_turned_axes_are_no_torque(what: str, seed:
     assert "errors of the measured rates, factors of (" in left.untold
 
 
+@pytest.mark.parametrize(
+    ("seed", "told"), [(0, "axes turned by 1.7°"), (2, "errors of the measured rates, of factors")]
+)
+def test_errors_of_rates_are_told_where_they_are_determined(seed: int, told: str) -> None:
+    """A body that hardly turns about two of its axes tells nothing of theirs: a turn by 1.7° was told as any number."""
+    made = flipping(seed)
+    track = read_track(made.bag, made.scene())
+    assert track.twist is not None
+    rates = track.twist.values[:, 3:]
+    assert told in judged(with_rates(track, rates + np.cross([0.02, 0.01, -0.02], rates))).untold
+
+
 @pytest.mark.parametrize("what", ["rates", "attitude"])
 @pytest.mark.parametrize("seed", [1, 3, 4])
 def test_a_sensor_that_wanders_is_no_torque(what: str, seed: int) -> None:
