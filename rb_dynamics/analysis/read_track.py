@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
+from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.stamp_order import disorder, standing
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -74,14 +75,18 @@ class TopicChoice:
     near: str = ""
 
 
-def read_track(bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None) -> Track:
+def read_track(
+    bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None, *, spikes: bool = False
+) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
+
+    Spikes of a twist are named, and left out unless `spikes` are wanted.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
             damaged.
     """
-    return _TrackReader(bag, scene, choice or TopicChoice()).track()
+    return _TrackReader(bag, scene, choice or TopicChoice()).track(spikes)
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,7 @@ class _TrackReader:
         self.parent = self.doubt = ""
         self.specific_force: TimeSeries | None = None
 
-    def track(self) -> Track:
+    def track(self, spikes: bool) -> Track:
         found = self._pose(), self._twist()
         pose, twist = map(self._on_one_clock, found)
         own = RUN in self.bag.metadata
@@ -151,6 +156,8 @@ class _TrackReader:
         world = self.scene.frames.world_frame if self.scene else pose.frame if pose else "world"
         # Without a name it is that of the body, as for a wrench.
         twist_in_world = twist is not None and twist.frame == world != ""
+        if twist is not None and pose is not None and not (own or spikes):
+            twist = without_spikes(twist, pose, twist_in_world)
         frames = self._frames(world, "" if twist is None or twist_in_world else twist.frame)
         wrenches, acted = self._wrenches(frames, own)
         facts = self.bag.metadata.get(RUN, {})

@@ -28,6 +28,24 @@ _Items = TypeVar("_Items", Array, Times)
 
 
 @dataclass(frozen=True)
+class Spikes:
+    """Samples of a sensor far from those about them: the unit, times (n,), and how far from these (n,)."""
+
+    unit: str
+    time_ns: Times
+    size: Array
+
+    def told(self, start_ns: int) -> str:
+        """Return it as text, with times from `start_ns`."""
+        at = int(self.time_ns[self.size.argmax()] - start_ns) * 1e-9
+        is_are = "is a spike" if len(self.size) == 1 else "are spikes"
+        return (
+            f"{len(self.size)} {is_are}, up to {self.size.max():.3g} {self.unit} from the samples about them, the "
+            f"largest at t = {at:.6g} s: judged without them"
+        )
+
+
+@dataclass(frozen=True)
 class TimeSeries:
     """Rows of numbers over time.
 
@@ -40,6 +58,7 @@ class TimeSeries:
         disorder: stamps that do not ascend in the file; None if all do.
         unusable: number of messages left out because a number in them is not finite or too large.
         strays: number of messages left out because they are of other frames, by these, as in "map:base_link".
+        spikes: of which the values are those between the samples about them.
     """
 
     topic: str
@@ -49,6 +68,7 @@ class TimeSeries:
     disorder: Disorder | None = None
     unusable: int = 0
     strays: Mapping[str, int] = field(default_factory=dict)
+    spikes: tuple[Spikes, ...] = ()
 
     @property
     def partial(self) -> bool:
@@ -79,6 +99,7 @@ class TimeSeries:
             of = f"{sum(self.strays.values())} of {self.count} messages"
             told.append(f"{of} are of other frames than the rest, and left out: {each}")
         told += [self.disorder.told(start_ns)] if self.disorder is not None else []
+        told += [each.told(start_ns) for each in self.spikes]
         return told + [still for still in [standing(self.time_ns)] if still]
 
 

@@ -187,7 +187,7 @@ class _Flights:
         choice = None if own else self._topics
         if self._choices is not None:
             choice = replace(self._choices[place], alone=self._one_bag)
-        track = read_track(bag, scene, choice)
+        track = read_track(bag, scene, choice, spikes=True)
         for topic in bag.topics.values():
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
@@ -231,7 +231,7 @@ class _Flights:
                         f"{len(result.rejected)} of {len(commands)} commands were rejected; the first: "
                         f"{result.rejected[0]}"
                     )
-            track = read_track(read_bag(log, repeated=False))
+            track = read_track(read_bag(log, repeated=False), spikes=True)
         return Given(track, scene.source, flown=True)
 
     def _commands(self, scene: Scene, track: Track) -> RecordedWrenches | None:

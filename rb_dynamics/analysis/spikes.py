@@ -1,0 +1,68 @@
+"""Spikes of a twist: up to three samples in a row that go far away and come back, which the pose does not follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rb_dynamics.analysis.track import Array, Spikes, TimeSeries, parts, unit_rows
+from rb_dynamics.analysis.velocities_from_poses import rates_of
+from rb_dynamics.numerics.rotation_arrays import rotate_all
+
+# A spike is so many times the usual step of this many samples on either side from the median of these.
+_FAR, _STEPS, _AROUND = 5.0, 7, 3
+# More samples than this part are the noise of the sensor.
+_MOST = 0.05
+# The pose follows if it shows this part of a spike, and this multiple of its own noise.
+_FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
+
+
+def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeSeries:
+    """Return the twist with each spike named, and what lies between the samples about it in its place."""
+    if len(twist.time_ns) <= _STEPS:
+        return twist
+    values = twist.values
+    told: list[Spikes] = []
+    seconds = (twist.time_ns - twist.time_ns[0]) * 1e-9
+    for number, (columns, unit) in enumerate(((slice(0, 3), "m/s"), (slice(3, 6), "rad/s"))):
+        rows = twist.values[:, columns]
+        odd = np.concatenate([_far(rows, part) for part in parts(len(rows))])
+        at = np.flatnonzero(odd)
+        if not 0 < len(at) <= _MOST * len(rows):
+            continue
+        about = np.stack([np.interp(seconds[at], seconds[~odd], column) for column in rows[~odd].T], axis=1)
+        beyond = rows[at] - about
+        size, pose_noise = np.linalg.norm(beyond, axis=1), np.inf
+        followed = np.zeros(len(at))
+        if (shown := rates_of(pose)) is not None:
+            near = np.searchsorted(shown.twist.time_ns, twist.time_ns[at]).clip(max=len(shown.twist.time_ns) - 1)
+            rates, pose_noise = shown.twist.values[near, columns], shown.noise[number]
+            if in_world:
+                turned = np.searchsorted(pose.time_ns, shown.twist.time_ns[near])
+                rates = rotate_all(unit_rows(pose.values[turned, 3:]), rates)
+            followed = np.sum((rates - about) * beyond, axis=1) / size
+        alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
+        if alone.any():
+            values = values if told else values.copy()
+            values[at[alone], columns] = about[alone]
+            told.append(Spikes(unit, twist.time_ns[at[alone]], size[alone]))
+    return replace(twist, values=values, spikes=tuple(told)) if told else twist
+
+
+def _far(rows: Array, part: slice) -> NDArray[np.bool_]:
+    """Return which of a part of the rows are far from the median of those about them."""
+    first, last = max(part.start - _STEPS, 0), min(part.stop + _STEPS, len(rows))
+    near = rows[first:last]
+    steps = np.linalg.norm(np.diff(near, axis=0), axis=1)
+    if len(steps) <= _STEPS or not (steps > 0.0).any():
+        return np.zeros(part.stop - part.start, dtype=bool)
+    windows = np.lib.stride_tricks.sliding_window_view
+    middle = np.median(
+        windows(np.pad(near, ((_AROUND,) * 2, (0, 0)), mode="reflect"), 2 * _AROUND + 1, axis=0), axis=-1
+    )
+    usual = np.median(windows(np.pad(steps, _STEPS, mode="reflect"), 2 * _STEPS), axis=-1)
+    # A coarse sensor often repeats itself: its least step is usual.
+    far: NDArray[np.bool_] = np.linalg.norm(near - middle, axis=1) > _FAR * np.maximum(usual, steps[steps > 0.0].min())
+    return far[part.start - first :][: part.stop - part.start]

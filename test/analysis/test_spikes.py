@@ -1,0 +1,68 @@
+"""Spikes of a twist are named and not judged; what the pose shows, too, is motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noisy_recordings import flipping
+from tumbling import bag_of, failing, spin
+
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.spikes import without_spikes
+from rb_dynamics.analysis.unexplained_wrench import residual
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_spikes_of_a_gyro_are_no_error_of_its_own(seed: int) -> None:
+    """One in a hundred samples made a bias, a factor or a delay."""
+    made, random = flipping(seed), np.random.default_rng(seed)
+    track = read_track(made.bag, made.scene())
+    assert track.twist is not None
+    assert track.pose is not None
+    values = track.twist.values.copy()
+    # Two next to each other, and the first and the last.
+    at = np.append(random.choice(np.arange(10, 1990), 16, replace=False), [0, 700, 701, 1999])
+    values[at, 3:] += np.where(random.random((20, 3)) < 0.5, -1.0, 1.0) * random.uniform(0.1, 1.0, (20, 3))
+    wild = replace(track.twist, values=values)
+    left = residual(replace(track, twist=wild), 1e-6)
+    assert left is not None
+    assert not (left.explained and left.told)
+    tame = without_spikes(wild, track.pose, False)
+    assert [each.unit for each in tame.spikes] == ["rad/s"]
+    assert sorted(at) == (tame.spikes[0].time_ns // 20_000_000).tolist()
+    left = residual(replace(track, twist=tame), 1e-6)
+    assert left is not None
+    assert left.explained
+    assert left.told
+
+
+def test_spikes_are_named_with_their_size_and_time() -> None:
+    motion = spin(noise=1e-3)
+    rows = np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+    rows += 1e-3 * np.random.default_rng(1).standard_normal(rows.shape)
+    assert not failing(bag_of(motion, twist_rows=rows))
+    rows[[100, 500], 4] += [0.5, -2.0]
+    rows[300, 0] += 3.0
+    ((name, said),) = failing(bag_of(motion, twist_rows=rows)).items()
+    assert name == "/b/twist is whole"
+    assert "1 is a spike, up to 3 m/s from the samples about them, the largest at t = 3 s" in said
+    assert "2 are spikes, up to 2 rad/s from the samples about them, the largest at t = 5 s" in said
+
+
+@pytest.mark.parametrize("quick", [1, 2, 3])
+def test_what_the_pose_shows_too_is_motion(quick: int) -> None:
+    """A body that turns quickly for a few samples, as seen by a slow recorder."""
+    rate = np.zeros((1000, 3))
+    for at in (200, 500, 800):
+        rate[at : at + quick, 2] = 2.0
+    angle = np.cumsum(0.5 * 0.01 * (rate[:, 2] + np.roll(rate[:, 2], 1)))
+    motion = spin(rate=0.0)
+    motion.orientation_xyzw = np.stack([0 * angle, 0 * angle, np.sin(0.5 * angle), np.cos(0.5 * angle)], axis=1)
+    rows = np.hstack([0.0 * rate, rate]) + 1e-4 * np.random.default_rng(quick).standard_normal((1000, 6))
+    for turns in (motion, spin(rate=0.0)):
+        twist = read_track(bag_of(turns, twist_rows=rows)).twist
+        assert twist is not None
+        assert len(twist.spikes) == (turns is not motion)
