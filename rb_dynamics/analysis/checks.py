@@ -131,9 +131,9 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         return _unread(lost[0])
     begin = track.zero_ns
     parts = [each for each in (track.pose, track.twist) if each is not None and each.topic == series.topic]
-    faults = [fault for each in parts for fault in (*each.faults(begin), contradictions(each, begin)) if fault]
-    if faults:
-        return Check(name, False, "; ".join(dict.fromkeys(faults)))
+    spikes = [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
+    if faults := [*series.faults(begin), *spikes, *filter(None, (contradictions(each, begin) for each in parts))]:
+        return Check(name, False, "; ".join(faults))
     steps = np.diff(series.time_ns)
     if not len(steps):
         return Check(name, True, f"{count} samples")

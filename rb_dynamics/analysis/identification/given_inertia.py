@@ -300,7 +300,7 @@ def _translation(track: Track) -> list[Stream]:
 
 
 def _thinned(stream: Stream, begin: int, end: int) -> Stream:
-    """Return what a stream measured in a part, once at each stamp, with samples left out evenly where there are many."""
+    """Return what a stream measured in a part, once at each stamp; of many samples, some evenly."""
     first, last = np.searchsorted(stream.time_ns, [begin, end + 1]).tolist()
     once = first + np.flatnonzero(np.diff(stream.time_ns[first:last], prepend=-1))
     rows = once[:: max(1, -(-len(once) // _MOST))]
