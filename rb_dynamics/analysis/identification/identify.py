@@ -521,7 +521,7 @@ class _Report:
         self.changes: list[Array] = []
         self.told: tuple[Parameter, ...] = ()
         self.local = self._local()
-        told = self.local.T @ information(fit.weighted) @ self.local
+        told = information(fit.weighted @ self.local)
         self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
         bands = fit_bands(fit, self.local)

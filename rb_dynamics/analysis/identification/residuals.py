@@ -115,7 +115,7 @@ def fit_bands(fit: Fit, local: Array | None = None) -> list[list[Band]]:
     These are the parameters themselves where none are given.
     """
     local = np.eye(fit.weighted.shape[1]) if local is None else local
-    told = local.T @ information(fit.weighted) @ local
+    told = information(fit.weighted @ local)
     root = root_of(np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64))
     return bands_of(fit.left, fit.weighted, local @ root, [len(each.left) for each in fit.predicted])
 
