@@ -156,6 +156,12 @@ class Model:
             center = self.layout["center_of_mass"].values(z)
         return Body(mass, center, self.inertia.matrix(size, shape).real)
 
+    @property
+    def arm(self) -> float:
+        """The radius of gyration of the body of the scene about its centre, m."""
+        body = self.scene.body
+        return float(np.sqrt(np.trace(np.array(body.inertia)) / 2.0 / body.mass))
+
     def predict(self, z: Array, end_ns: Sequence[int] | None = None, derivatives: bool = True) -> Iterator[Predicted]:
         """Yield what each stream should have measured, up to `end_ns` of each flight."""
         for _, blocks in itertools.groupby(self.blocks(z, end_ns, derivatives), lambda block: block[0].flight):
@@ -229,8 +235,7 @@ class Model:
             kinds.append(type(effect))
 
     def _lay_out(self) -> None:
-        layout, body = self.layout, self.scene.body
-        arm = float(np.sqrt(np.trace(np.array(body.inertia)) / 2.0 / body.mass))
+        layout, body, arm = self.layout, self.scene.body, self.arm
         for number, start in enumerate(self.starts):
             name = f"initial[{number}]"
             layout.add(f"{name}.rotation", np.ones(3))

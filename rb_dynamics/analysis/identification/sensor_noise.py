@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.flights import ATTITUDE, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, VELOCITY, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.track import Array
 
@@ -14,6 +14,8 @@ Key = tuple[str, str, int]
 
 # Of its scale: no recording is believed to be more exact than that, not even one of a simulation without noise.
 _FLOOR = 1e-6
+# Of the radius of gyration and of the speed there: a position that stays at zero has no scale of its own.
+_RESTING = 1e-3
 
 
 def noise_shown(model: Model) -> dict[Key, float]:
@@ -28,8 +30,11 @@ def floor_of(model: Model, key: Key) -> float:
 
 def largest(model: Model, key: Key) -> float:
     """Return the largest number of a sensor, 1 rad of an attitude."""
-    stream = _streams(model)[key]
-    return 1.0 if stream.kind == ATTITUDE else max(float(np.abs(stream.values).max(initial=0.0)), 1e-9)
+    stream, arm = _streams(model)[key], _RESTING * model.arm
+    if stream.kind == ATTITUDE:
+        return 1.0
+    least = {POSITION: arm, VELOCITY: arm * model.starts[key[2]].fastest}.get(stream.kind, 1e-9)
+    return max(float(np.abs(stream.values).max(initial=0.0)), least)
 
 
 def _streams(model: Model) -> dict[Key, Stream]:

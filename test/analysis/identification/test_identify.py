@@ -108,6 +108,17 @@ def test_a_flat_body_is_known_from_a_log_without_noise(rotor_log: Path) -> None:
     within(found, "inertia", np.diag([1.0, 2.0, 3.0]))
 
 
+@pytest.mark.parametrize("center", [[0.0, 0.0, 0.0], [0.05, 0.0, -0.02]])
+def test_a_body_is_found_from_a_log_whose_position_stays_at_zero(rotor_log: Path, center: list[float]) -> None:
+    """Zero was taken to be exact, so that a centre of mass off by anything was no motion."""
+    found = identify(parse_scene(ROTOR, "rough", {"body.center_of_mass": center}), rotor_log)
+
+    assert found.passed
+    assert known(found, "center_of_mass") == [True] * 3
+    within(found, "center_of_mass", [0.0, 0.0, 0.0])
+    within(found, "inertia", np.diag([1.0, 2.0, 3.0]))
+
+
 def test_a_cube_tells_nothing_of_its_inertia() -> None:
     body = RigidBody.from_diagonal(2.0, (0.02, 0.02, 0.02))
     found = identify(guess(body), [flown(body, np.random.default_rng(6), spin=(1.0, 1.0, 1.0))], ["inertia_ratios"])
