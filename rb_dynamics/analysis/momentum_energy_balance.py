@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.impulse import impulse_blocks, wander
 from rb_dynamics.analysis.noise import Noise, judge
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, sizes_of
-from rb_dynamics.logs.messages import SET_STATE
 from rb_dynamics.numerics.growing_array import give_back, stored
 
 Blocks: TypeAlias = Callable[[], Iterator[Array]]
@@ -202,12 +201,8 @@ def _measured(idle: bool, kind: str, by_quadrature: float, unit: str) -> str:
 
 def _moved_by_others(track: Track, time_ns: Times) -> NDArray[np.bool_]:
     """Return for each sample whether the body was moved to another state since the one before."""
-    name, type_name = SET_STATE
     moved = np.zeros(len(time_ns) + 1, dtype=bool)
-    for topic in track.bag.topics.values():
-        if track.own and topic.type_name == type_name and topic.name.rpartition("/")[2] == name:
-            # A sample of the same time is the state before.
-            moved[np.searchsorted(time_ns, topic.log_times, side="right")] = True
+    moved[np.searchsorted(time_ns, track.moved_ns, side="right")] = True
     return moved[:-1]
 
 

@@ -13,6 +13,7 @@ from rb_dynamics.analysis.stamp_order import Disorder, standing
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.logs.messages import SET_STATE
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 
@@ -218,6 +219,17 @@ class Track:
         if not times:
             return 0, 0
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
+
+    @property
+    def moved_ns(self) -> Times:
+        """When the body was moved to another state from outside, ascending; a sample of that time is from before."""
+        name, type_name = SET_STATE
+        found = [
+            topic.log_times
+            for topic in self.bag.topics.values()
+            if self.own and topic.type_name == type_name and topic.name.rpartition("/")[2] == name
+        ]
+        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
 
     @property
     def zero_ns(self) -> int:

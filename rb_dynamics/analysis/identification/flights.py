@@ -79,12 +79,14 @@ class Flight:
         streams: what was measured.
         channels: what acted.
         notes: remarks for the user on how it was read.
+        moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
     """
 
     name: str
     streams: tuple[Stream, ...]
     channels: tuple[WrenchSeries, ...] = ()
     notes: tuple[str, ...] = ()
+    moved_ns: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -98,6 +100,33 @@ class Flight:
                 f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
                 "a twist or a gyro; record the flight again, or name another recording"
             )
+
+    def between_moves(self) -> list[Flight]:
+        """Return what was measured before, between and after moves to another state: no motion leads across one."""
+        first, last = self.span_ns
+        edges = [first, *(each + 1 for each in self.moved_ns if first <= each < last), last + 1]
+        if len(edges) == 2:
+            return [self]
+        at = ", ".join(f"{(edge - 1) / 1e9:.9g}" for edge in edges[1:-1])
+        note = (
+            f"the body was moved to another state (set_state) at {at} s: each piece is fitted from a start of its own"
+        )
+        pieces = [
+            self.between(*span)
+            for span in itertools.pairwise(edges)
+            if any(np.diff(np.searchsorted(stream.time_ns, span))[0] >= _FEWEST for stream in self.streams)
+        ]
+        return [
+            replace(piece, moved_ns=(), notes=() if k else (*self.notes, note)) for k, piece in enumerate(pieces)
+        ] or [self]
+
+    def between(self, first_ns: int, end_ns: int) -> Flight:
+        """Return what was measured from `first_ns` to before `end_ns`."""
+        streams = []
+        for stream in self.streams:
+            of = slice(*np.searchsorted(stream.time_ns, [first_ns, end_ns]).tolist())
+            streams.append(replace(stream, time_ns=stream.time_ns[of], values=stream.values[of]))
+        return replace(self, streams=tuple(streams), notes=())
 
     def without_repeats(self) -> Flight:
         """Return the same with one sample of each time: others are recorded again, or the clock is too coarse for them.
@@ -229,7 +258,8 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     channels += acting_elsewhere(
         commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
     )
-    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
+    moved = tuple((track.moved_ns - zero).tolist())
+    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])), moved)
 
 
 def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:

@@ -314,7 +314,7 @@ def identify(
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
     flights, held_out = (
-        [_flight(each, known, commands, columns, topics).without_repeats() for each in some]
+        [p for each in some for p in _flight(each, known, commands, columns, topics).without_repeats().between_moves()]
         for some in (given, validate)
     )
     for flight in (*flights, *held_out):

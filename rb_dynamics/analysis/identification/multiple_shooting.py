@@ -143,18 +143,9 @@ def _segments(model: Model) -> list[_Segment]:
         after = np.linspace(0, len(times), count + 1).astype(int)[1:-1]
         edges = [first, *((times[after - 1] + times[after]) // 2).tolist(), None]
         for begin, end in itertools.pairwise(edges):
-            part = _between(flight, begin, last + 1 if end is None else end)
+            part = flight.between(begin, last + 1 if end is None else end)
             found.append(_Segment(model, number, part, own, begin, end, begin > first))
     return found
-
-
-def _between(flight: Flight, first: int, end: int) -> Flight:
-    """Return what was measured from `first` to before `end`."""
-    streams = []
-    for stream in flight.streams:
-        of = slice(*np.searchsorted(stream.time_ns, [first, end]).tolist())
-        streams.append(replace(stream, time_ns=stream.time_ns[of], values=stream.values[of]))
-    return replace(flight, streams=tuple(streams), notes=())
 
 
 class _Shooting:

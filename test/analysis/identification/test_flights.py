@@ -21,6 +21,8 @@ from rb_dynamics import (
     RigidBody,
     Scene,
     SceneError,
+    Simulation,
+    State,
     Wrench,
     identify,
     parse_scene,
@@ -30,6 +32,7 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATE
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
+from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 IMU = "sensor_msgs/msg/Imu"
@@ -155,6 +158,27 @@ def test_gravity_in_a_log_of_this_package_does_not_act_twice(tmp_path: Path) -> 
         simulate(parse_scene(text), [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(path, namespace=namespace)])
         flight = flight_of(read_bag(path), parse_scene(text))
         assert [channel.topic.rpartition("/")[2] for channel in flight.channels] == ["push"]
+
+
+def test_a_log_whose_body_was_moved_is_fitted_piece_by_piece(tmp_path: Path) -> None:
+    """No motion leads across a set_state, and it was looked for in a torque or a sensor."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1.2, 2, 2.7]}}\ninitial: {angular_velocity_body: [0.3, -0.5, 0.4]}\n"
+        "wrenches: [{topic: a}]\nduration: 10\noutput_rate: 20\n"
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    run.start()
+    run.post("a", Wrench((0.0, 0.0, 0.0), (0.2, -0.1, 0.3)), 1_000_000_000)
+    run.advance(5_000_000_000)
+    run.set_state(StateChange.to(State(0, angular_velocity_body=(-0.4, 0.1, 0.6)), scene.body).at(5_000_000_000))
+    run.advance(10_000_000_000)
+    run.finish()
+    found = identify(guess(scene.body), tmp_path / "run.mcap", ["inertia"])
+
+    assert found.explained
+    assert found.passed
+    np.testing.assert_allclose(found.body.inertia, scene.body.inertia, rtol=0.0, atol=1e-5)
+    assert sum("moved to another state (set_state) at 5 s" in note for note in found.notes) == 1
 
 
 JET = """\
