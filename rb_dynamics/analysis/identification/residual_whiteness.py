@@ -131,6 +131,14 @@ def whiteness(parts: Sequence[Array], streams: Sequence[Sequence[Band]]) -> tupl
     return white, first / total if total > 0.0 else 0.0
 
 
+def typical(rows: Array) -> float:
+    """Return the root mean square over the axes of rows (n, 3), each by its median: a few wild rows count little.
+
+    The axes of a sensor may have noise of different sizes.
+    """
+    return 1.4826 * float(np.sqrt(np.mean(np.median(np.abs(rows), axis=0) ** 2)))
+
+
 def noise_beneath(left: Array, turn: float, step: float) -> float:
     """Return the noise of a sample that residuals (n, 3) show: what changes faster than a motion does.
 
@@ -149,8 +157,7 @@ def noise_beneath(left: Array, turn: float, step: float) -> float:
         count = len(left) // size
         third = np.diff(left[: count * size].reshape(count, size, -1).mean(axis=1), n=3, axis=0)
         if third.size:
-            # By the median: the residuals contain a few outliers, too.
-            found = max(found, 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0))
+            found = max(found, typical(third) / np.sqrt(20.0))
         size *= 2
         if size * turn > _SHORT_TURN or len(left) < size * _LEAST_MEANS:
             return float(found)

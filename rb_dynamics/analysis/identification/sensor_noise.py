@@ -7,6 +7,7 @@ import numpy as np
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, VELOCITY, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.residual_whiteness import typical
 from rb_dynamics.analysis.track import Array
 
 Key = tuple[str, str, int]
@@ -48,11 +49,11 @@ def _streams(model: Model) -> dict[Key, Stream]:
 
 def _noise_of(stream: Stream) -> float:
     """Return the noise that third differences show, which neither smooth motion nor a few wild samples change much."""
-    every = np.abs(_third_differences(stream).ravel())
+    every = _third_differences(stream)
     if not len(every):
         return 0.0
     # Of a coarse sensor most differences may be zero.
-    usual = 1.4826 * float(np.median(every)) or float(np.sqrt(np.mean(every**2)))
+    usual = typical(every) or float(np.sqrt(np.mean(every**2)))
     return usual / float(np.sqrt(20.0))
 
 

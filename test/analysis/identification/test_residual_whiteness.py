@@ -60,11 +60,13 @@ def test_a_slow_change_far_below_the_noise_of_a_sample_is_seen(seed: int) -> Non
     assert not judged(noise + 0.35 * np.cos(np.linspace(0.0, 9.0, 300))[:, None])
 
 
-@pytest.mark.parametrize("kind", ["white", "filtered", "coarse", "wild"])
+@pytest.mark.parametrize("kind", ["white", "unequal", "filtered", "coarse", "wild"])
 def test_noise_beneath_residuals_is_told_from_them(kind: str) -> None:
     random = np.random.default_rng(3)
     noise, step, slow = random.standard_normal((2000, 3)), 0.0, np.sin(np.linspace(0.0, 20.0, 2000))[:, None]
-    if kind == "filtered":
+    if kind == "unequal":
+        noise *= (1.0, 1.0, 30.0)
+    elif kind == "filtered":
         noise = lfilter(*butter(2, 0.1), noise, axis=0)
     elif kind == "coarse":
         step = 3.0
