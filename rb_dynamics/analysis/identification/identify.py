@@ -30,7 +30,7 @@ from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
-from rb_dynamics.analysis.identification.stacked_rows import information
+from rb_dynamics.analysis.identification.stacked_rows import covariance_of, information
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
@@ -521,8 +521,8 @@ class _Report:
         self.changes: list[Array] = []
         self.told: tuple[Parameter, ...] = ()
         self.local = self._local()
-        told = information(fit.weighted @ self.local)
-        self.covariance: Array = np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64)
+        weighted = fit.weighted @ self.local
+        told, self.covariance = information(weighted), covariance_of(weighted)
         freedom = max(1.0, len(fit.left) - float(np.trace(self.covariance @ told)))
         bands = fit_bands(fit, self.local)
         self.residuals = residuals_of(model, fit, bands)

@@ -13,7 +13,7 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, UNITS, usual_i
 from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.residual_whiteness import Band, bands_of, noise_beneath, root_of, whiteness
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of
-from rb_dynamics.analysis.identification.stacked_rows import information
+from rb_dynamics.analysis.identification.stacked_rows import covariance_of
 from rb_dynamics.analysis.track import Array
 
 # Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
@@ -115,8 +115,7 @@ def fit_bands(fit: Fit, local: Array | None = None) -> list[list[Band]]:
     These are the parameters themselves where none are given.
     """
     local = np.eye(fit.weighted.shape[1]) if local is None else local
-    told = information(fit.weighted @ local)
-    root = root_of(np.asarray(np.linalg.inv(told + np.eye(len(told))), dtype=np.float64))
+    root = root_of(covariance_of(fit.weighted @ local))
     return bands_of(fit.left, fit.weighted, local @ root, [len(each.left) for each in fit.predicted])
 
 

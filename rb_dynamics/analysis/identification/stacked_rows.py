@@ -54,3 +54,11 @@ def information(by: Array) -> Array:
     root = triangle(by)
     found: Array = root.T @ root
     return found
+
+
+def covariance_of(by: Array) -> Array:
+    """Return (J^T J + 1)^-1 of derivatives over noise, which are not squared before they are inverted."""
+    _, sizes, turned = np.linalg.svd(np.vstack([triangle(by), np.eye(by.shape[1])]), full_matrices=False)
+    root = turned.T / sizes
+    found: Array = root @ root.T
+    return found
