@@ -176,6 +176,13 @@ class ReactionWheel(Actuator):
         axis = rotate_inverse(body.principal_orientation_xyzw, self.axis)
         return scale(1.0 / norm(axis), axis)
 
+    def friction_rate(self, body: RigidBody) -> float:
+        """Return the rate (1/s) at which viscous friction slows the free wheel in a free body."""
+        axis, moments = self.axis_in(body), body.principal_moments
+        # J (W' + a . w') = -v W, and (I - J a a^T) w' = v W a.
+        of_body = sum(a * a / moment for a, moment in zip(axis, moments, strict=True))
+        return self.viscous / (self.inertia * (1.0 - self.inertia * of_body))
+
     def spin_up(self, value: float) -> float:
         """Return the angular acceleration (rad/s^2) that the motor gives the wheel at most under a command."""
         return (abs(value) if self.command == "torque" else self.max_torque) / self.inertia

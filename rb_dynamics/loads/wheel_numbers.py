@@ -130,12 +130,17 @@ def excess(c: Cells, i: int, s: int, k: int, spin_up: Vector, omega: Vector) -> 
     return below if below > above else above
 
 
-def is_far(c: Cells, i: int, excess: float, omega: Vector, other: Vector) -> bool:
-    """Return whether no wheel can switch within a step, by the `excess` and w at its ends alone.
+def is_far(
+    c: Cells, i: int, excess: float, h: float, turning: tuple[Vector, Vector], attitudes: tuple[Quaternion, Quaternion]
+) -> bool:
+    """Return whether no wheel can switch within a step of h s, by the `excess`, w and the attitude at its ends alone.
 
-    The speed of a free wheel deviates from a monotonic function by what the turning of the body adds to it.
+    The speed of a free wheel deviates from a monotonic function by what the turning of the body adds to it. The angle
+    counts too: a body may swing from rest to rest.
     """
-    return not is_held(c, i) and excess + 8.0 * (norm(omega) + norm(other)) <= 0.0
+    (x, y, z, w), (a, b, d, e) = attitudes
+    chord = math.sqrt(max(0.0, 2.0 - 2.0 * abs(x * a + y * b + z * d + w * e)))
+    return not is_held(c, i) and excess + 8.0 * (norm(turning[0]) + norm(turning[1]) + 2.0 * chord / h) <= 0.0
 
 
 def bend_and_noise(

@@ -143,9 +143,11 @@ class WheelSet:
         spin_up = spin_up_of(c, 0, n, self._moments, torque(), omega) if held else None
         return max(excess(c, 0, n, k, spin_up or ZERO, omega) for k in range(len(self.wheels))), spin_up
 
-    def is_far(self, excess: float, omega: Vector, other: Vector) -> bool:
+    def is_far(
+        self, excess: float, h: float, turning: tuple[Vector, Vector], attitudes: tuple[Quaternion, Quaternion]
+    ) -> bool:
         """Return whether no wheel can switch within a step; see `wheel_numbers.is_far`."""
-        return is_far(self._now, 0, excess, omega, other)
+        return is_far(self._now, 0, excess, h, turning, attitudes)
 
     def spin_up(self, torque: Vector, omega: Vector, states: Sequence[float]) -> Vector:
         """Return w' (principal axes) under `torque` from outside."""

@@ -193,7 +193,7 @@ def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h
     )
     _write_states(c, r, PHASE)
     above, gained = _beyond(c, after), ZERO
-    far = is_far(c, WHEELS, max(below, above), turning[0], turning[1])
+    far = is_far(c, WHEELS, max(below, above), h, turning, (phase.orientation, after.orientation))
     if not far:
         gained = _spin_up(c, after)
     finite = _all_finite(c, after, r, PHASE)
@@ -357,9 +357,10 @@ def _search_stride(c: Numbers, f: Numbers, w: Whole, first: int, last: int, tria
         above = _beyond(c, phase_at(c, CONSTANTS))
     there = phase_at(c, CONSTANTS)
     turning = start.angular_velocity, there.angular_velocity
-    if is_far(c, WHEELS, max(below, above), turning[0], turning[1]):
+    h = (last - first) / NANOSECONDS
+    if is_far(c, WHEELS, max(below, above), h, turning, (start.orientation, there.orientation)):
         return True
-    gained, h = _spin_up(c, there), (last - first) / NANOSECONDS
+    gained = _spin_up(c, there)
     _stand(c, f, GRID_POINT)
     bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, start), gained))
     found: int = _first_switch((c, f, w, trials), first, last, below, above, bend / NANOSECONDS**2, noise)

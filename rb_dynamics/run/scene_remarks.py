@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _NEAR = 0.8
 """Fraction of the momentum that a wheel can hold from which it counts as near its limit."""
 
+# Number of times by which friction would slow a wheel by a factor e within a step.
+_SLOWED = 2.0
+
 TURN_SEEN = 0.5
 """Angle between samples (rad) beyond which a controller cannot follow the body."""
 
@@ -124,8 +127,16 @@ def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
 
 
 def _steps_too_long(scene: Scene) -> list[str]:
-    """Return the wheels whose imbalance fixed steps are too long to resolve; none if they are short enough."""
+    """Return the wheels whose imbalance or friction fixed steps are too long to resolve; none if short enough."""
     step, found = scene.solver.step, []
+    for wheel in scene.wheels:
+        slowing = wheel.friction_rate(scene.body)
+        if step is not None and slowing * step > _SLOWED:
+            found.append(
+                f"{wheel.name} is slowed by its viscous friction within {1.0 / slowing:.2g} s, which steps of {step:g} "
+                "s do not resolve: its speed and the energy may be far off; take a step of "
+                f"{1.0 / slowing:.1g} s or less, or give solver.accuracy"
+            )
     for wheel in scene.wheels:
         speed = max(abs(wheel.speed), 0.0 if math.isinf(wheel.max_speed) else wheel.max_speed)
         if step is not None and not wheel.is_balanced and speed * step > RESOLVED:

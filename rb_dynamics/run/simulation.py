@@ -584,6 +584,8 @@ class Simulation:
     def advance(self, until_ns: int, enough: Enough | None = None) -> None:
         """Advance to the last edge at or before `until_ns`, never past the end of the scene.
 
+        `sample` is that of the edge; `look` shows the motion at `until_ns`.
+
         With `enough`, it ends after the first stride or edge at which `enough()` is true, at `computed_ns`.
 
         Raises:
@@ -827,12 +829,12 @@ class Simulation:
             self._ahead = start, *self._beyond(wheels, start)
         _, below, early = self._ahead
         self._ahead, below = (there, above, late), min(below, 0.0)
-        turning = start.angular_velocity, there.angular_velocity
-        if wheels.is_far(max(below, above), *turning):
+        turning, h = (start.angular_velocity, there.angular_velocity), (last - first) / NANOSECONDS
+        if wheels.is_far(max(below, above), h, turning, (start.orientation, there.orientation)):
             return
         gaining = early or self._spin_up(wheels, start), late or self._spin_up(wheels, there)
         self._ahead = there, above, gaining[1]
-        bend, noise = wheels.bend_and_noise(start.inner, (last - first) / NANOSECONDS, turning, gaining)
+        bend, noise = wheels.bend_and_noise(start.inner, h, turning, gaining)
         found = first_positive(
             lambda at: self._beyond(wheels, self._arc.at(at))[0],
             first,
@@ -1157,6 +1159,8 @@ def simulate(
     facts: Mapping[str, str] | None = None,
 ) -> Run:
     """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
+
+    A command stamped before 0 counts as given at 0.
 
     Args:
         scene: the scene to simulate, or its file; its `duration` must be given.
