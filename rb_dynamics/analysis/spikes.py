@@ -26,9 +26,12 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
     values = twist.values
     told: list[Spikes] = []
     seconds = (twist.time_ns - twist.time_ns[0]) * 1e-9
+    # Two of one stamp contradict each other, which is told as such.
+    again = np.diff(twist.time_ns) == 0
+    shared = np.append(again, False) | np.append(False, again)
     for number, (columns, unit) in enumerate(((slice(0, 3), "m/s"), (slice(3, 6), "rad/s"))):
         rows = twist.values[:, columns]
-        odd = np.concatenate([_far(rows, part) for part in parts(len(rows))])
+        odd = np.concatenate([_far(rows, part) for part in parts(len(rows))]) & ~shared
         at = np.flatnonzero(odd)
         if not 0 < len(at) <= _MOST * len(rows):
             continue

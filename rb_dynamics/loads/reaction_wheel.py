@@ -15,7 +15,7 @@ from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import FASTEST
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.vector import Vector, dot, norm, scale
+from rb_dynamics.numerics.vector import Vector, divide, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -180,8 +180,7 @@ class ReactionWheel(Actuator):
         """Return the rate (1/s) at which viscous friction slows the free wheel in a free body."""
         axis, moments = self.axis_in(body), body.principal_moments
         # J (W' + a . w') = -v W, and (I - J a a^T) w' = v W a.
-        of_body = sum(a * a / moment for a, moment in zip(axis, moments, strict=True))
-        return self.viscous / (self.inertia * (1.0 - self.inertia * of_body))
+        return self.viscous / (self.inertia * (1.0 - self.inertia * dot(axis, divide(axis, moments))))
 
     def spin_up(self, value: float) -> float:
         """Return the angular acceleration (rad/s^2) that the motor gives the wheel at most under a command."""
