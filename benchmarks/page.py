@@ -248,8 +248,8 @@ The goals of the project are ratios of times measured in one session.
 
 {losses}
 - Compilation: without numba this package compiles nothing, and a step takes 30 to 100 us. With numba, the very first
--   run of a method is in plain Python while another process compiles; later runs load the machine code in some
--   milliseconds ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
+  run of a method is in plain Python while another process compiles; later runs load the machine code in some
+  milliseconds ([whole runs](whole-runs.md)). MuJoCo, Basilisk, Drake and Pinocchio are compiled programs.
 - Contact, joints, connected bodies, cameras: MuJoCo, Drake, Basilisk and Pinocchio have some or all of them. This
   package has one free rigid body, with wheels, thrusters, magnetorquers and sensors.
 - Accelerators: diffrax and MuJoCo (MJX, Warp) run ensembles on a GPU; this package does not.
