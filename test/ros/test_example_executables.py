@@ -14,6 +14,7 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from ros_harness import ROOT, Peer, running
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from rb_dynamics.formats.log_metadata import RESULT
@@ -71,9 +72,11 @@ def test_the_spacecraft_is_flown_by_its_sensors_alone(peer: Peer, tmp_path: Path
     ):
         try:
             twists = peer.listen(TwistStamped, "twist")
+            torques = peer.listen(Float64, "wheel_x/command")
             peer.until(lambda: peer.node.count_subscribers("imu") > 0, "the controller listening")
             peer.call("rigid_body/pause", SetBool.Request(data=False))
             peer.until(lambda: len(twists) > 1 and rate(twists[-1]) < 0.7 * rate(twists[0]), "a slower tumble")
+            peer.until(lambda: len(torques) > 10, "more than the first torque: held, it slows a tumble alone")
             assert node.stop() == 0, node.err
         finally:
             controller.kill()
