@@ -281,25 +281,8 @@ class McapSink:
         records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
         widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
         samples, width = np.concatenate(records, axis=1).tobytes(), widths[-1]
-        # For each event one piece, and two for a command: as received and as it acts.
-        came, acts = self._framed_changes(changes)
-        pieces, at, kinds = list[bytes](), list[int](), list[int]()
-        change_times, channels = changes.time_ns.tolist(), changes.channel.tolist()
-        for number, time_ns in zip(
-            block.order.tolist(), np.append(times, changes.time_ns)[block.order].tolist(), strict=True
-        ):
-            if number < block.taken:
-                pieces.append(samples[number * width : number * width + width])
-                at.append(time_ns)
-                kinds.append(-1)
-                continue
-            i = number - block.taken
-            for record, kind in ((came[i], 2 * channels[i]), (acts[i], 2 * channels[i] + 1)):
-                if record:
-                    pieces.append(record)
-                    at.append(change_times[i])
-                    kinds.append(kind)
-        kind = np.array(kinds)
+        rows = [samples[k : k + width] for k in range(0, len(samples), width)]
+        pieces, at, kind = self._with_changes(rows, block) if len(changes.time_ns) else (rows, times, np.full(len(rows), -1))
         where = [
             InPieces(number, (kind == -1).nonzero()[0], start)
             for number, start in zip(self._sample_ids, widths, strict=False)
@@ -309,12 +292,35 @@ class McapSink:
             where += [InPieces(self._ids[name], (kind == k).nonzero()[0], 0) for name, k in names if name in self._ids]
         hashed, counted = hashed_rows(block.samples), 0
         of_samples = np.cumsum(kind == -1)
-        for end in self._writer.add_pieces(pieces, np.array(at), where):
+        for end in self._writer.add_pieces(pieces, at, where):
             self._states.update_all(hashed[counted : of_samples[end - 1]])
             counted = int(of_samples[end - 1])
-            if kinds[end - 1] == -1:
+            if kind[end - 1] == -1:
                 self._end_chunk()
         self._states.update_all(hashed[counted:])
+
+    def _with_changes(self, rows: list[bytes], block: EventArrays) -> tuple[list[bytes], Times, Times]:
+        """Return rows of samples and records of changes in order: pieces, times, and kinds.
+
+        A command has two records: as received (kind 2 k for channel k) and as it acts (2 k + 1). The kind of a row is -1.
+        """
+        import numpy as np
+
+        changes, pieces, at, kinds = block.changes, list[bytes](), list[int](), list[int]()
+        came, acts = self._framed_changes(changes)
+        channels = changes.channel.tolist()
+        times = np.append(block.samples.time_ns, changes.time_ns)[block.order]
+        for number, time_ns in zip(block.order.tolist(), times.tolist(), strict=True):
+            if (i := number - block.taken) < 0:
+                records, first = (rows[number],), -1
+            else:
+                records, first = (came[i], acts[i]), 2 * channels[i]
+            for kind, record in enumerate(records, first):
+                if record:
+                    pieces.append(record)
+                    at.append(time_ns)
+                    kinds.append(kind)
+        return pieces, np.array(at), np.array(kinds)
 
     def _framed_changes(self, changes: Changes) -> tuple[list[bytes], list[bytes]]:
         """Return the records of commands as received, "" for a timeout, and as they act."""
