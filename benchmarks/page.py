@@ -222,18 +222,15 @@ This page compares the package with other programs on the same problems, on one 
 measures all figures and writes this page.
 
 - **Times** are medians over several turns in which every program runs once (A B C A B C); ratios are medians of the
--   ratios within each turn. "Times ours" is the ratio to our fastest way. Times are those of the run alone. Import,
--   set-up and compilation happen once; the last column shows them, together with the first run. Our kernels are
-compiled
--   only the first time ever, and then loaded from a cache (see `benchmarks/kernels.py`).
+  ratios within each turn. "Times ours" is the ratio to our fastest way. Times are those of the run alone. Import,
+  set-up and compilation happen once; the last column shows them, together with the first run. Our kernels are compiled
+  only the first time ever, and then loaded from a cache (see `benchmarks/kernels.py`).
 - **Settings** of each program go from coarse to fine until its attitude has the wanted accuracy. "Not reached" means
--   that none had it: the row shows the most accurate setting that takes less than 5 s, so its times and ratios are
-lower
--   bounds.
+  that none had it: the row shows the most accurate setting that takes less than 5 s, so its times and ratios are lower
+  bounds.
 - **Errors** are relative to the closed form, or to two of our methods that agree within a tenth of the wanted accuracy.
--   The tests check both against references of 30 digits; [verification](verification.md) shows their errors. An error
-of 0
--   means that the closed form is compared with itself; the plots show it at 1e-16.
+  The tests check both against references of 30 digits; [verification](verification.md) shows their errors. An error of
+  0 means that the closed form is compared with itself; the plots show it at 1e-16.
 
 {machine}
 
@@ -281,6 +278,5 @@ which keeps 1e9 additions accurate.
 - diffrax: for commands, equal steps of Dopri8 in one `scan`; otherwise step control; double precision, CPU.
 - scipy: `solve_ivp` once for each command; an ensemble is one vector.
 - C: "same books" also accumulates impulse and work, as our step does; "state alone" computes only the state, as one
-would
--   write it by hand.
+  would write it by hand.
 """

@@ -11,21 +11,22 @@ from typing import Any
 
 import numpy as np
 from Basilisk.architecture import bskLogging
-from Basilisk.simulation import extForceTorque, spacecraft, svIntegrators
-from Basilisk.utilities import SimulationBaseClass
+from Basilisk.simulation import GravityGradientEffector, extForceTorque, spacecraft, svIntegrators
+from Basilisk.utilities import SimulationBaseClass, simIncludeGravBody
 
 from peers.problem import Answer, Problem, Run, Way, steps
 
 NAME = "Basilisk"
 PACKAGES = ("bsk",)
+ORBITS = True
 
 # Initialising a simulation again, the way to start over, warns of each state.
 bskLogging.setDefaultLogLevel(bskLogging.BSK_ERROR)
 
 
 def ways(problem: Problem) -> list[Way]:
-    # It has no ensembles, and uniform gravity only as a commanded force.
-    if problem.bodies > 1:
+    # It has no ensembles, no linear drag, no rotor at a constant rate, and uniform gravity only as a commanded force.
+    if problem.bodies > 1 or (problem.orbit and any((*problem.orbit.rotor, *problem.orbit.drag))):
         return []
     return [
         Way("RKF78", "tolerance", 1e-6, _prepare(problem, adaptive=True)),
@@ -42,6 +43,8 @@ def _prepare(problem: Problem, *, adaptive: bool) -> Callable[[float], Run]:
         craft, thrust = _spacecraft(problem)
         simulation.AddModelToTask("task", craft)
         simulation.AddModelToTask("task", thrust)
+        if problem.orbit:
+            simulation.AddModelToTask("task", _in_orbit(craft, problem.orbit.gravitational_parameter))
         integrator = (svIntegrators.svIntegratorRKF78 if adaptive else svIntegrators.svIntegratorRK4)(craft)
         if adaptive:
             integrator.relTol = integrator.absTol = max(setting, 1e-15)
@@ -85,7 +88,7 @@ def _spacecraft(problem: Problem) -> tuple[Any, Any]:
     craft.hub.mHub = problem.mass
     craft.hub.r_BcB_B = [[0.0], [0.0], [0.0]]
     craft.hub.IHubPntBc_B = problem.inertia.tolist()
-    craft.hub.r_CN_NInit = [[0.0], [0.0], [0.0]]
+    craft.hub.r_CN_NInit = [[c] for c in problem.position_world]
     craft.hub.v_CN_NInit = [[c] for c in problem.linear_velocity_world]
     x, y, z, w = problem.orientation_xyzw
     craft.hub.sigma_BNInit = [[c / (1.0 + w)] for c in (x, y, z)]
@@ -93,6 +96,18 @@ def _spacecraft(problem: Problem) -> tuple[Any, Any]:
     thrust = extForceTorque.ExtForceTorque()
     craft.addDynamicEffector(thrust)
     return craft, thrust
+
+
+def _in_orbit(craft: Any, gravitational_parameter: float) -> Any:
+    """Put a craft into the field of a central body; return its gravity gradient."""
+    bodies = simIncludeGravBody.gravBodyFactory()
+    earth = bodies.createEarth()
+    earth.mu, earth.isCentralBody = gravitational_parameter, True
+    bodies.addBodiesTo(craft)
+    gradient = GravityGradientEffector.GravityGradientEffector()
+    gradient.addPlanetName(earth.planetName)
+    craft.addDynamicEffector(gradient)
+    return gradient
 
 
 def _quaternion(sigma: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import heyoka as hy
 import numpy as np
@@ -11,6 +11,7 @@ from peers.problem import Answer, Problem, Run, Way
 
 NAME = "heyoka"
 PACKAGES = ("heyoka",)
+ORBITS = True
 
 BATCH = 4
 
@@ -37,12 +38,13 @@ def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
         ]
 
     L = times(inertia, w)
-    gyroscopic = (w[1] * L[2] - w[2] * L[1], w[2] * L[0] - w[0] * L[2], w[0] * L[1] - w[1] * L[0])
+    if problem.orbit:
+        L = [momentum + held for momentum, held in zip(L, problem.orbit.rotor, strict=True)]
+        force, torque, push = _in_orbit(problem, symbols)
+    gyroscopic = cross(w, L)
     spin = times(inverse, [t - g for t, g in zip(torque, gyroscopic, strict=True)])
     a, b, c = (0.5 * rate for rate in w)
-    f, g, h = force
-    tx, ty, tz = 2.0 * (y * h - z * g), 2.0 * (z * f - x * h), 2.0 * (x * g - y * f)
-    forces = (f + s * tx + y * tz - z * ty, g + s * ty + z * tx - x * tz, h + s * tz + x * ty - y * tx)
+    forces = turned_by((x, y, z, s), force)
     accelerations = [
         (turned + pushed) / problem.mass + weight
         for turned, pushed, weight in zip(forces, push, problem.gravity, strict=True)
@@ -51,9 +53,37 @@ def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
     return list(zip(symbols, (*turn, *spin, *v, *accelerations), strict=True))
 
 
+def _in_orbit(problem: Problem, symbols: list[hy.expression]) -> tuple[list[hy.expression], ...]:
+    """Return force and torque in body axes and force in world axes."""
+    mu, inertia, (c, k) = problem.orbit.gravitational_parameter, problem.inertia, problem.orbit.drag
+    (x, y, z, s, *w), place, v = symbols[:7], symbols[7:10], symbols[10:]
+    r = sum(coordinate**2 for coordinate in place) ** 0.5
+    n = [coordinate / r for coordinate in turned_by((-x, -y, -z, s), place)]
+    pulled = [sum(float(m) * part for m, part in zip(row, n, strict=True)) for row in inertia]
+    both = sum(a * b for a, b in zip(n, pulled, strict=True))
+    # MacCullagh's second term, and its force.
+    along = [float(np.trace(inertia)) * a - 5.0 * both * a + 2.0 * b for a, b in zip(n, pulled, strict=True)]
+    force = [-1.5 * mu / r**4 * part for part in along]
+    torque = [3.0 * mu / r**3 * part - k * rate for part, rate in zip(cross(n, pulled), w, strict=True)]
+    push = [-mu * problem.mass / r**3 * a - c * b for a, b in zip(place, v, strict=True)]
+    return force, torque, push
+
+
+def cross(a: Sequence[hy.expression], b: Sequence[hy.expression]) -> list[hy.expression]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def turned_by(orientation: Sequence[hy.expression], vector: Sequence[hy.expression]) -> list[hy.expression]:
+    *axis, s = orientation
+    twice = [2.0 * part for part in cross(axis, vector)]
+    return [a + s * b + c for a, b, c in zip(vector, twice, cross(axis, twice), strict=True)]
+
+
 def _starts(problem: Problem) -> np.ndarray:
     n = problem.bodies
-    fixed = np.concatenate((problem.orientation_xyzw, np.zeros(6), problem.linear_velocity_world))
+    fixed = np.concatenate(
+        (problem.orientation_xyzw, np.zeros(3), problem.position_world, problem.linear_velocity_world)
+    )
     found = np.tile(fixed, (n, 1))
     found[:, 4:7] = problem.angular_velocities
     return found

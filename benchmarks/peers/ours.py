@@ -9,11 +9,12 @@ import numpy as np
 
 import rb_dynamics as rb
 from peers.problem import Answer, Problem, Run, Way, steps, threads_named
-from peers.translate import body_of, states_of
+from peers.translate import body_of, effects_of, states_of
 from rb_dynamics.numerics.compilation import available
 
 NAME = "rb_dynamics"
 PACKAGES = ("numpy", "numba") if available() else ("numpy",)
+ORBITS = True
 
 # One of each family, of the orders 4, 6, 6, 8 and 12.
 METHODS = ("rk4", "dlm6", "dverk", "dop853", "taylor")
@@ -23,6 +24,8 @@ def ways(problem: Problem) -> list[Way]:
     if problem.bodies > 1:
         return [Way(f"Ensemble, {name}", "steps", steps(problem, 0.5), _ensemble(problem, name)) for name in METHODS]
     found = [Way("simulate, auto", "tolerance", 1e-6, _simulate(problem))]
+    if problem.orbit:
+        return found
     if problem.is_free and not any(problem.gravity):
         return [Way("free_motion", "", 1.0, _free(problem)), *found]
     if problem.is_free:
@@ -109,7 +112,7 @@ def _simulate(problem: Problem) -> Callable[[float], Run]:
             (rb.Channel("thrusters"), rb.Channel("environment")),
             rb.Solver("auto", accuracy=tolerance),
             problem.duration,
-            effects=(rb.UniformGravity(problem.gravity),) if any(problem.gravity) else (),
+            effects=effects_of(problem),
         )
 
         def solve() -> Callable[[], Answer]:

@@ -19,6 +19,22 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
+class Orbit:
+    """What acts on a body in orbit about the origin.
+
+    Attributes:
+        position_world: the initial one, m.
+        rotor: angular momentum of a rotor at a constant rate relative to the body, kg m^2/s, body axes.
+        drag: linear, of velocity (N s/m) and of angular velocity (N m s/rad).
+    """
+
+    gravitational_parameter: float
+    position_world: Vector
+    rotor: Vector = (0.0, 0.0, 0.0)
+    drag: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Problem:
     """A rigid body, its initial state, its wrenches, and the attitude error to reach at the end.
 
@@ -26,6 +42,7 @@ class Problem:
         inertia: 3 x 3, about the centre of mass, body axes.
         angular_velocities: (n, 3), body axes; one row for each body, alike but for this.
         force_body, torque_body, force_world: (k, 3), held one after the other for `duration` / k s each.
+        orbit: what acts in orbit, gravity gradient included; only peers with `ORBITS` are asked for it.
         wanted: error of the attitude at the end (of the worst body) that the comparison is made at, rad.
         bars: the ratio wanted of a peer's time to ours, by its name.
     """
@@ -41,6 +58,7 @@ class Problem:
     orientation_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     linear_velocity_world: Vector = (0.0, 0.0, 0.0)
     gravity: Vector = (0.0, 0.0, 0.0)
+    orbit: Orbit | None = None
     force_body: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
     torque_body: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
     force_world: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))
@@ -63,7 +81,12 @@ class Problem:
     @property
     def is_free(self) -> bool:
         """Whether the motion is torque-free, for which there are closed forms."""
-        return not self.torque_body.any()
+        return not self.torque_body.any() and self.orbit is None
+
+    @property
+    def position_world(self) -> Vector:
+        """The initial position of each body, m."""
+        return self.orbit.position_world if self.orbit else (0.0, 0.0, 0.0)
 
     @property
     def rate(self) -> float:
@@ -116,7 +139,7 @@ class Way:
 
 
 class Peer(Protocol):
-    """A module `peers/<name>.py`."""
+    """A module `peers/<name>.py`; `ORBITS = True` where it can solve problems in orbit."""
 
     NAME: str
     PACKAGES: tuple[str, ...]
@@ -219,6 +242,34 @@ def driven(name: str = "driven", spin: float = 1.0) -> Problem:
     )
 
 
+def orbit(name: str = "orbit", title: str = "One orbit with gravity gradient, drag and rotor", **more: Any) -> Problem:
+    mu, radius = 3.986004418e14, 6_878_137.0
+    return Problem(
+        name,
+        title,
+        more.pop(
+            "text",
+            "A satellite of 300 kg tumbles at 0.03 rad/s through one orbit (5677 s), with gravity gradient, drag and "
+            "a rotor. Only the final state is wanted.",
+        ),
+        mass=300.0,
+        inertia=np.array([[90.0, 3.0, -2.0], [3.0, 120.0, 4.0], [-2.0, 4.0, 60.0]]),
+        angular_velocities=np.array([[0.01, -0.02, 0.015]]),
+        duration=round(2.0 * np.pi * np.sqrt(radius**3 / mu), 3),
+        wanted=1e-9,
+        linear_velocity_world=(0.0, 5383.0, 5383.0),
+        orbit=Orbit(mu, (radius, 0.0, 0.0), **more),
+    )
+
+
+def orbit_alone() -> Problem:
+    return orbit(
+        "orbit-gradient",
+        "One orbit with gravity gradient",
+        text="The same without drag and rotor, which Basilisk does not have in this form.",
+    )
+
+
 def ensemble(bodies: int = 4096) -> Problem:
     return Problem(
         "ensemble",
@@ -241,5 +292,7 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     "boxes": boxes,
     "driven": driven,
     "driven-fast": lambda: driven("driven-fast", 5.0),
+    "orbit": lambda: orbit(rotor=(1.2, -0.7, 0.5), drag=(1e-7, 1e-3)),
+    "orbit-gradient": orbit_alone,
     "ensemble": ensemble,
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 import rb_dynamics as rb
 from peers.problem import Answer, Problem, attitude_error, steps
-from peers.translate import answer, body_of, held_of, numbers_of, states_of
+from peers.translate import answer, body_of, effects_of, held_of, numbers_of, states_of
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.arc import Arc
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
@@ -16,6 +16,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 # Two families, which share no formula except for the books, with the minimum number of steps in a hold: the first with
 # few, as each adds rounding. None of the ways compared takes the same steps.
 METHODS_THAT_AGREE = (("strang6", 1), ("dlm6", 2))
+METHODS_IN_ORBIT = ("dverk", "dop853")
 
 
 def reference(problem: Problem) -> Answer:
@@ -26,7 +27,10 @@ def reference(problem: Problem) -> Answer:
     """
     if problem.is_free:
         return _closed(problem)
-    one, other = (_stepped(problem, name, least) for name, least in METHODS_THAT_AGREE)
+    if problem.orbit:
+        one, other = (_in_orbit(problem, name) for name in METHODS_IN_ORBIT)
+    else:
+        one, other = (_stepped(problem, name, least) for name, least in METHODS_THAT_AGREE)
     apart = attitude_error(one, other)
     if not apart < 0.1 * problem.wanted:
         raise ArithmeticError(f"{problem.name}: the references are {apart:.1e} rad apart, expected {problem.wanted:g}")
@@ -42,6 +46,16 @@ def _closed(problem: Problem) -> Answer:
         [e.angular_velocity_body for e in ends],
         [e.position_world + fall for e in ends],
     )
+
+
+def _in_orbit(problem: Problem, name: str) -> Answer:
+    (state,) = states_of(problem)
+    solver = rb.Solver(name, step=1.0)
+    scene = rb.Scene(
+        body_of(problem), rb.WrenchFrames(), state, (), solver, problem.duration, effects=effects_of(problem)
+    )
+    end = rb.simulate(scene).sample
+    return Answer.of(end.orientation_xyzw, end.angular_velocity_body, end.position_world)
 
 
 def _stepped(problem: Problem, name: str, least: int) -> Answer:

@@ -17,9 +17,22 @@ def body_of(problem: Problem) -> rb.RigidBody:
 
 def states_of(problem: Problem) -> list[rb.State]:
     """Return the initial state of each body."""
-    position = (0.0, 0.0, 0.0)
+    position = problem.position_world
     velocity, attitude = problem.linear_velocity_world, problem.orientation_xyzw
     return [rb.State(0, position, attitude, velocity, tuple(w)) for w in problem.angular_velocities.tolist()]
+
+
+def effects_of(problem: Problem) -> tuple[rb.Effect, ...]:
+    """Return gravity and what acts in orbit."""
+    if problem.orbit is None:
+        return (rb.UniformGravity(problem.gravity),) if any(problem.gravity) else ()
+    effects: list[rb.Effect] = [rb.CentralGravity(problem.orbit.gravitational_parameter, gravity_gradient=True)]
+    if any(problem.orbit.drag):
+        translation, rotation = ((c, c, c) for c in problem.orbit.drag)
+        effects.append(rb.LinearDrag(translation, rotation))
+    if any(problem.orbit.rotor):
+        effects.append(rb.Rotor(problem.orbit.rotor, 1.0, ((0.0, float(np.linalg.norm(problem.orbit.rotor))),)))
+    return tuple(effects)
 
 
 def constants_of(problem: Problem) -> np.ndarray:

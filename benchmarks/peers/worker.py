@@ -138,7 +138,9 @@ class _Served:
         return self._peer.NAME, ", ".join(found) or self._peer.version()
 
     def ways(self, problem: Problem) -> list[tuple[str, str, float]]:
-        self._ways, self._chosen, self._warm = {way.name: way for way in self._peer.ways(problem)}, {}, set()
+        can = problem.orbit is None or getattr(self._peer, "ORBITS", False)
+        ways = self._peer.ways(problem) if can else []
+        self._ways, self._chosen, self._warm = {way.name: way for way in ways}, {}, set()
         return [(way.name, way.kind, way.first) for way in self._ways.values()]
 
     def attempt(self, way: str, setting: float) -> Tried:

@@ -19,7 +19,7 @@ from rb_dynamics.motion.array_steps import are_finite, steps_from
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
 from rb_dynamics.motion.kernel_layout import phase_numbers
-from rb_dynamics.motion.load_time_scale import steady_time
+from rb_dynamics.motion.load_time_scale import fastest_rate, steady_time
 from rb_dynamics.motion.method import Inertia, Load, Method
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
@@ -525,6 +525,10 @@ class Stepper:
         if self._load_from is None:
             return longest
         return _steady(self._load_from, self._inertia, self._held, phase, longest)
+
+    def fastest_rate(self, phase: PhaseState) -> float:
+        """Return the largest rate (1/s) at which the load makes small differences of velocities decay, turn or grow."""
+        return 0.0 if self._load_from is None else fastest_rate(self._load_from(phase), self._inertia, phase)
 
     def _arguments(
         self, phase: PhaseState, h: float

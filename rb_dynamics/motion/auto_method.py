@@ -33,6 +33,12 @@ CANDIDATES: Mapping[LoadDependence, tuple[str, ...]] = MappingProxyType(
 )
 """The methods on the front of speed and accuracy for each kind of load, in the order in which they are tried."""
 
+FOR_STIFF = frozenset({"radau"})
+"""Candidates that pay off only where stability, and not accuracy, limits the stride of the others."""
+
+STIFF = 1.0
+"""They are tried if a stride times the fastest rate of the load is more; explicit methods are stable up to about 3."""
+
 TRIALS = 12
 """Attempts to find the longest stride; each can lengthen it fivefold."""
 
@@ -58,9 +64,14 @@ def cheapest(
         price = COST_OF_A_STEP[method.name]
         if best is not None and TRIALS * price > best[0] * rest:
             continue
-        control = control_for(method)
+        advance = advance_with(method)
         try:
-            stride = longest_stride(control, advance_with(method), phase)
+            if best is not None and method.name in FOR_STIFF:
+                stride = COST_OF_A_STEP[best[1].name] / best[0]
+                if stride * advance.fastest_rate(phase) < STIFF:
+                    continue
+            control = control_for(method)
+            stride = longest_stride(control, advance, phase)
         except ConvergenceError as error:
             failure = failure or error
             continue

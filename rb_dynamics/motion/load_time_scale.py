@@ -1,4 +1,4 @@
-"""For how long a load stays close to what it is now: the first step is not to pass over a thin layer."""
+"""Time scales of a load: how long it stays close to what it is now, and how fast it changes differences of speed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, total
 from rb_dynamics.numerics.compilation import workspace
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, rotate
-from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, norm, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, norm, scale, subtract
 
 _EPSILON = 2.0**-52
+# Of a speed, for one-sided differences.
+_DIFFERENCE = 2.0**-26
 
 # Of each of the times, which are at most as many as a run of all nanoseconds has bits: time, force and torque.
 _EACH, _ALL = 7, 7 * 66
@@ -51,6 +53,34 @@ def steady_time(load: Load, inertia: Inertia, held: HeldWrench, phase: PhaseStat
         if norm(subtract(push, now[0])) > force or norm(subtract(twist, now[1])) > torque:
             return float(seen[i])
     return longest
+
+
+def fastest_rate(load: Load, inertia: Inertia, phase: PhaseState) -> float:
+    """Return the largest rate (1/s) at which the load makes small differences of velocities decay, turn or grow.
+
+    An explicit method is stable while a step times this rate is no more than about 3.
+
+    Raises:
+        ConvergenceError: the load is not known in `phase`.
+    """
+    import numpy as np
+
+    (mass, moments), omega = inertia, phase.angular_velocity
+    velocity = scale(1.0 / mass, total(phase, MOMENTUM))
+
+    def accelerations(velocity: Vector, omega: Vector) -> tuple[float, ...]:
+        force, torque = load(0.0, ZERO, velocity, phase.orientation, omega)
+        return *scale(1.0 / mass, force), *divide(torque, moments)
+
+    here, columns = accelerations(velocity, omega), []
+    for k in range(6):
+        ahead = [*velocity, *omega]
+        before = ahead[k]
+        ahead[k] += _DIFFERENCE * (norm(velocity if k < 3 else omega) or 1.0)
+        there = accelerations((ahead[0], ahead[1], ahead[2]), (ahead[3], ahead[4], ahead[5]))
+        columns.append([(b - a) / (ahead[k] - before) for a, b in zip(here, there, strict=True)])
+    rates = np.array(columns)
+    return float(abs(np.linalg.eigvals(rates)).max()) if np.isfinite(rates).all() else math.inf
 
 
 def _seen(

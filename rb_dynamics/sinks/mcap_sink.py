@@ -282,7 +282,9 @@ class McapSink:
         widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
         samples, width = np.concatenate(records, axis=1).tobytes(), widths[-1]
         rows = [samples[k : k + width] for k in range(0, len(samples), width)]
-        pieces, at, kind = self._with_changes(rows, block) if len(changes.time_ns) else (rows, times, np.full(len(rows), -1))
+        pieces, at, kind = (
+            self._with_changes(rows, block) if len(changes.time_ns) else (rows, times, np.full(len(rows), -1))
+        )
         where = [
             InPieces(number, (kind == -1).nonzero()[0], start)
             for number, start in zip(self._sample_ids, widths, strict=False)
@@ -302,7 +304,7 @@ class McapSink:
     def _with_changes(self, rows: list[bytes], block: EventArrays) -> tuple[list[bytes], Times, Times]:
         """Return rows of samples and records of changes in order: pieces, times, and kinds.
 
-        A command has two records: as received (kind 2 k for channel k) and as it acts (2 k + 1). The kind of a row is -1.
+        A command has two records: as received (kind 2 k for channel k) and as it acts (2 k + 1). A row has kind -1.
         """
         import numpy as np
 
@@ -311,11 +313,9 @@ class McapSink:
         channels = changes.channel.tolist()
         times = np.append(block.samples.time_ns, changes.time_ns)[block.order]
         for number, time_ns in zip(block.order.tolist(), times.tolist(), strict=True):
-            if (i := number - block.taken) < 0:
-                records, first = (rows[number],), -1
-            else:
-                records, first = (came[i], acts[i]), 2 * channels[i]
-            for kind, record in enumerate(records, first):
+            i = number - block.taken
+            written, first = ([rows[number]], -1) if i < 0 else ([came[i], acts[i]], 2 * channels[i])
+            for kind, record in enumerate(written, first):
                 if record:
                     pieces.append(record)
                     at.append(time_ns)

@@ -116,6 +116,22 @@ class TestChoice:
         )
         assert set(run.method.split("+")) <= {"exact", "taylor", "dop853", "dlm6"}
 
+    @pytest.mark.parametrize(("rotation", "wanted"), [(0.3, False), (100.0, True)])
+    def test_an_implicit_method_is_only_tried_where_stability_limits_the_step(
+        self, rotation: float, wanted: bool, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A trial of it takes longer than a whole run by a compiled explicit method."""
+        tried = []
+
+        def found(control: StepControl, advance: Stepper, phase: PhaseState) -> float:
+            tried.append(advance._method.name)
+            return longest_stride(control, advance, phase)
+
+        monkeypatch.setattr(auto_method, "longest_stride", found)
+        drag = f"effects: [{{type: linear_drag, translation: 0.2, rotation: {rotation}}}]"
+        simulate(parse_scene(f"{DRIVEN.replace('duration: 5', 'duration: 500')}{drag}"))
+        assert ("radau" in tried) == wanted
+
     def test_none_that_can_is_an_error_that_says_what_can_be_had(self) -> None:
         with pytest.raises(ConvergenceError, match="cannot be kept"):
             simulate(

@@ -27,7 +27,7 @@ from rb_dynamics.motion.arc import Arc, Stepper
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, cross, norm, scale, subtract
 from rb_dynamics.run.ensemble import Ensemble, driven_motion
 from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.simulation import Run, simulate
@@ -359,6 +359,22 @@ class TestNoStepPassesOverAPlace:
         moving = PhaseState((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
 
         assert stepper.steady(moving, 36.0) == steady
+
+    @pytest.mark.parametrize(
+        ("load", "rate"),
+        [
+            (lambda t, *_: ((0.0, 0.0, -9.8), (1.0, 0.0, 0.0)), 0.0),
+            (lambda t, x, v, *_: (scale(-8.0, v), ZERO), 4.0),
+            # A rotor of 6 kg m^2/s across moments of 2 and 3 kg m^2.
+            (lambda t, x, v, q, w: (ZERO, cross((6.0, 0.0, 0.0), w)), 6.0 / math.sqrt(6.0)),
+            (lambda t, x, v, q, w: (ZERO, scale(-norm(w), w)), 0.2),
+        ],
+    )
+    def test_the_fastest_rate_is_that_of_the_velocities(self, load: Load, rate: float) -> None:
+        stepper = Stepper(STEPPED["rk4"], Inertia(2.0, (1.0, 2.0, 3.0)), HeldWrench(), lambda phase: load)
+        moving = PhaseState((0.0, 0.0, 0.0, 1.0), (0.1, 0.0, 0.0), (*ZERO, 3.0, *(0.0,) * 10), (0.0,) * 14)
+
+        assert stepper.fastest_rate(moving) == pytest.approx(rate, rel=1e-6, abs=1e-12)
 
 
 class Failing(Effect):
