@@ -6,8 +6,11 @@ which `PhaseState.after` adds up with compensated summation. It depends on neith
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from itertools import count
 from typing import NamedTuple, Protocol
 
 from rb_dynamics.loads.varying_load import Load, LoadDependence
@@ -168,6 +171,21 @@ class Method:
     compiles_loads: bool = True
     takes_arrays: bool = False
     dense: DenseStep | None = None
+
+
+@cache
+def stable_until(tableau: SparseTableau) -> float:
+    """Return the largest h v, to 0.1, of steps h under which y' = -v y does not grow.
+
+    Hairer & Wanner, Solving Ordinary Differential Equations II, section IV.2.
+    """
+    for x in count(1):
+        slopes: list[float] = []
+        for row in (*tableau.rows, tableau.weights):
+            slopes.append(1.0 - 0.1 * x * sum(weight * slopes[k] for k, weight in row))
+        if abs(slopes[-1]) > 1.0:
+            return 0.1 * (x - 1)
+    return math.inf
 
 
 __all__ = ["Increment", "Inertia", "Load", "LoadDependence", "LongestStep", "Method", "Pair", "Step"]

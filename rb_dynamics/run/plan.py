@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
@@ -17,6 +17,7 @@ from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, LoadScales, OfPhase, S
 from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
 from rb_dynamics.motion.closed_form import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.kernel_layout import phase_of
+from rb_dynamics.motion.method import stable_until
 from rb_dynamics.motion.phase_state import PhaseState, RoundingHistory, inertia_of
 from rb_dynamics.motion.propagation import Arcs, Edges, Propagated, propagate
 from rb_dynamics.motion.propagation_kernel import CHANGE, DONE
@@ -276,6 +277,14 @@ def control_of(scene: Scene, method: Method, start: Vector, horizon: float) -> S
         expected = f"a number of {SHORTEST_STEP:g} or more (s), because shorter steps would not advance the run"
         control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
         control.require_few(scene.end_ns or 0, f"{scene.source}: solver.step", SceneError)
+        for wheel in scene.wheels:
+            slowing = wheel.friction_rate(scene.body)
+            if method.tableau is not None and slowing * solver.step > stable_until(method.tableau):
+                raise ConvergenceError(
+                    f"{scene.source}: solver.step: found {solver.step:g} s, expected {1.0 / slowing:.1g} s or less, as "
+                    f"{wheel.name} is slowed by its viscous friction within {1.0 / slowing:.2g} s: {method.name} is "
+                    "unstable there, and errors of the speed would grow with each step; write that, or solver.accuracy"
+                )
         return control
     accuracy = solver.accuracy or DEFAULT_ACCURACY
     if method.longest_step is not None:

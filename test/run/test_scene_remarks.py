@@ -114,22 +114,34 @@ duration: 1
     assert not scene_remarks(parse_scene(text.replace("speed: 400", "speed: 0")))
 
 
-def test_a_wheel_that_friction_slows_within_a_step_is_named() -> None:
-    """At 0.01 N m s/rad over 1e-5 kg m^2 a step of 10 ms is ten times too long: the speed grows instead of falling."""
-    text = """\
+STIFF = """\
 body: {mass: 1, inertia: {diagonal: [0.01, 0.012, 0.013]}}
 wrenches: []
 actuators:
 - {type: reaction_wheel, name: w, axis: [1, 0, 0], inertia: 1.0e-5, speed: 18, max_speed: 20, friction: {viscous: 0.01}}
-solver: {method: dop853, step: 0.01}
+solver: {method: dop853, step: 0.003}
 duration: 1
 """
-    scene = parse_scene(text)
+
+
+def test_a_wheel_that_friction_slows_within_a_step_is_named() -> None:
+    """At 0.01 N m s/rad over 1e-5 kg m^2 a step of 3 ms is three times too long."""
+    scene = parse_scene(STIFF)
     (found,) = scene_remarks(scene)
-    assert "slowed by its viscous friction within 0.001 s, which steps of 0.01 s do not resolve" in found
-    assert not scene_remarks(parse_scene(text.replace("step: 0.01", "step: 0.001")))
-    assert not scene_remarks(parse_scene(text.replace("step: 0.01", "accuracy: 1.0e-9")))
+    assert "slowed by its viscous friction within 0.001 s, which steps of 0.003 s do not resolve" in found
+    assert not scene_remarks(parse_scene(STIFF.replace("step: 0.003", "step: 0.001")))
+    assert not scene_remarks(parse_scene(STIFF.replace("step: 0.003", "accuracy: 1.0e-9")))
     # How fast the speed falls in a run that resolves it.
     end = rb.simulate(replace(scene, solver=rb.Solver("auto", accuracy=1e-12), duration=0.003)).sample
     (wheel,) = scene.wheels
     assert end.wheel_speeds[0] == pytest.approx(18 * math.exp(-0.003 * wheel.friction_rate(scene.body)), rel=1e-9)
+
+
+@pytest.mark.parametrize(("method", "longest"), [("dop853", 0.0062), ("dverk", 0.0039)])
+def test_a_step_under_which_friction_would_speed_a_wheel_up_is_refused(method: str, longest: float) -> None:
+    def scene(step: float) -> rb.Scene:
+        return parse_scene(STIFF.replace("dop853, step: 0.003", f"{method}, step: {step}"))
+
+    assert abs(rb.simulate(scene(longest)).sample.wheel_speeds[0]) < 18.0
+    with pytest.raises(rb.ConvergenceError, match=r"found 0.0\d+ s, expected 0.001 s or less, as w is slowed"):
+        rb.simulate(scene(longest + 0.0002))

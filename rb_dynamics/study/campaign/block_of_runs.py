@@ -212,7 +212,7 @@ def _fly_with_wheels(campaign: Campaign, runs: list[_Run], threads: int | None) 
         bodies = WithWheels([run.scene for run in runs], campaign.control is not None, threads)
         failed = _advance(campaign, bodies, runs, metrics)
         bodies.require_all()
-    except (NotTogetherError, FunctionError) as error:
+    except (NotTogetherError, FunctionError, ConvergenceError) as error:
         if len(runs) > 1 and isinstance(error, FunctionError) and bodies is not None and not bodies.lacking:
             half = len(runs) // 2
             return _fly_with_wheels(campaign, runs[:half], threads) + _fly_with_wheels(campaign, runs[half:], threads)
