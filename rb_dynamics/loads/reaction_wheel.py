@@ -186,11 +186,16 @@ class ReactionWheel(Actuator):
         """Return the angular acceleration (rad/s^2) that the motor gives the wheel at most under a command."""
         return (abs(value) if self.command == "torque" else self.max_torque) / self.inertia
 
+    @property
+    def most(self) -> float:
+        """The largest command, after its limits, that can be simulated at all."""
+        return FASTEST * self.inertia if self.command == "torque" else math.inf
+
     def _accept(self, value: float) -> Accepted:
         accepted = clipped(value, self.max_torque if self.command == "torque" else self.max_speed)
-        if self.command == "torque" and self.spin_up(accepted.value) > FASTEST:
+        if abs(accepted.value) > self.most:
             raise WrenchError(
-                f"{self.topic}: {value!r} N m, expected at most {FASTEST * self.inertia:.3g} N m: the wheel would soon "
-                "turn by a radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
+                f"{self.topic}: {value!r} N m, expected at most {self.most:.3g} N m: the wheel would soon turn by a "
+                "radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
             )
         return accepted

@@ -7,6 +7,7 @@ accuracy.
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
@@ -167,6 +168,7 @@ class WheelEnsemble:
         self._start = initial_phases(self._body, [scene.initial for scene in scenes])
         self.time_ns, self.clipped = 0, np.zeros(len(scenes))
         self._limits = np.array([[_limit(each) for each in (*s.wheels, *rods_of(s))] for s in scenes])
+        self._most = np.array([[each.most for each in s.wheels] + [math.inf] * len(rods_of(s)) for s in scenes])
         self._none, self._dipoles = np.full((len(scenes), len(first.wheels) + 1), np.nan), _Dipoles.of(scenes)
         self._commands, self._samples = self._none, cast("weakref.ref[WheelSamples] | None", None)
         self._stands = False
@@ -198,6 +200,13 @@ class WheelEnsemble:
     def left_behind(self) -> npt.NDArray[np.bool_]:
         """(N,), which bodies could not go on: they are to be simulated alone."""
         found: npt.NDArray[np.bool_] = self._whole[:, LEFT_BEHIND] != 0
+        return found
+
+    def rejects(self, commands: Numbers) -> npt.NDArray[np.bool_]:
+        """Return for which bodies, (N,), a wheel rejects its command: they are to be simulated alone."""
+        import numpy as np
+
+        found: npt.NDArray[np.bool_] = (np.minimum(np.abs(commands), self._limits) > self._most).any(axis=1)
         return found
 
     def command(self, commands: Numbers, which: npt.NDArray[np.bool_] | None = None) -> None:

@@ -190,6 +190,7 @@ class WithWheels:
             if name not in self._actuators:
                 raise NotTogetherError
             values[:, self._actuators[name]] = column
+        self._apart |= self._ensemble.rejects(values)
         self._waiting.append((times_ns, values, np.ones(len(values), dtype=np.bool_)))
 
     def require_all(self) -> None:

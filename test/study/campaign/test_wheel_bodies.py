@@ -166,6 +166,32 @@ def test_laws_of_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: st
     assert (sorted(apart) == [0, 1, 2, 3]) == alone
 
 
+def test_a_run_whose_step_is_refused_is_a_row(tmp_path: Path) -> None:
+    """A step of 0.05 s suits friction of 1e-7 N m s/rad on 1e-4 kg m^2, not of 0.1."""
+    friction = "actuators.x.friction.viscous: {choice: {values: [1.0e-7, 0.1]}}"
+    campaign = CAMPAIGN.replace("actuators.x.max_torque: {normal: {relative: 0.1}}", friction)
+    scene = SATELLITE.replace("accuracy: 1.0e-7", "method: dop853, step: 0.05")
+    rows = simulate_block(read_campaign(write(tmp_path, campaign, scene)), 0, 6)
+    for viscous, error in zip(rows["actuators.x.friction.viscous"], rows["error"], strict=True):
+        assert ("x is slowed by its viscous friction within 0.001 s" in error) == (viscous > 0.01)
+    assert 0 < sum(map(bool, rows["error"])) < 6
+
+
+def test_a_torque_that_a_wheel_rejects_alone_does_not_act_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1e9 N m on 1e-4 kg m^2: the wheel keeps the torque before."""
+    apart = alone_in(monkeypatch)
+    body = "found['x'] = np.where((rate[:, 0] > 0.01) & (calls == 5), 1e9, found.get('x', 0.0))"
+    (tmp_path / "own.py").write_text(LAW.replace("BODY", body), encoding="utf-8")
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    text = re.sub(r"  actuators.x.max_torque.*\n", "", text)
+    rows = require_rows_of_runs_alone(
+        read_campaign(write(tmp_path, text, SATELLITE.replace("max_torque: 5.0e-4, ", "", 1))), 6
+    )
+    assert 0 < (rows["rejected"] > 0.0).sum() <= len(apart) < 6
+
+
 @pytest.mark.parametrize(
     "field", ["dipole, moment_world: [1.0e+22, 0, -7.8e+22]", "uniform, field_world: [2.0e-5, 0, 3.0e-5]"]
 )
