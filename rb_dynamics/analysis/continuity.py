@@ -315,7 +315,9 @@ def _around(rates: Array) -> Array:
 
 
 def _explained(track: Track, jump: Jump) -> bool:
-    """Return whether the twist explains the motion, or turns so far that attitudes are ambiguous."""
+    """Return whether somebody moved the body, the twist explains the motion, or it makes attitudes ambiguous."""
+    if ((track.moved_ns >= jump.start_ns) & (track.moved_ns < jump.end_ns)).any():
+        return True
     if track.twist is None:
         return False
     length = jump.end_ns - jump.start_ns

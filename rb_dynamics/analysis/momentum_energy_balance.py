@@ -119,7 +119,7 @@ def _energy(track: Track) -> Balance | None:
         )
     if kinetic is None or not len(kinetic.time_ns) or not track.acted:
         return None
-    idle = np.ones(len(kinetic.time_ns), dtype=bool)
+    idle = ~track.moved_before(kinetic.time_ns)
     for kind in ("force", "torque"):
         idle &= np.concatenate([part.idle for part in impulse_blocks(track, kind, kinetic.time_ns)])
     energies = kinetic.values
@@ -146,7 +146,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
             error[rows] = part.error
     scale = max(peak, _moved(track) if name == "linear momentum" else 0.0)
     good = _smallest(error, accepted * scale)
-    moved = _moved_by_others(track, time_ns)
+    moved = track.moved_before(time_ns)
     good &= ~moved
 
     def turning() -> Iterator[tuple[Array, Array]]:
@@ -197,13 +197,6 @@ def _measured(idle: bool, kind: str, by_quadrature: float, unit: str) -> str:
         f"{text}; those in body axes are integrated over the recorded attitude, with an error of at most about "
         f"{by_quadrature:.1g} {unit}"
     )
-
-
-def _moved_by_others(track: Track, time_ns: Times) -> NDArray[np.bool_]:
-    """Return for each sample whether the body was moved to another state since the one before."""
-    moved = np.zeros(len(time_ns) + 1, dtype=bool)
-    moved[np.searchsorted(time_ns, track.moved_ns, side="right")] = True
-    return moved[:-1]
 
 
 def _moved(track: Track) -> float:

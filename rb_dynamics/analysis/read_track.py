@@ -42,7 +42,7 @@ from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
-from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
 from rb_dynamics.logs.topics_of_channels import of_one_body
 from rb_dynamics.numerics.growing_array import stored
@@ -671,6 +671,7 @@ class _TrackReader:
             topic.name
             for topic in self.bag.topics.values()
             if topic.type_name in kinds and topic.count and topic.name not in self.bag.pairs
+            if topic.name.rpartition("/")[2] != SET_STATE[0]
         }
         commands = sorted(
             name

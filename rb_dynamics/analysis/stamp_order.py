@@ -13,6 +13,8 @@ Times = NDArray[np.int64]
 _RUN = 3
 # Fewer messages with one stamp may be sent at once.
 _STILL = 4
+# A clock hangs while this many samples have one stamp, and this many times as many as usual.
+_HANGS, _TIMES = 10, 5
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,20 @@ def standing(time_ns: Times) -> str:
     count = len(time_ns)
     same = int((time_ns == np.partition(time_ns, count // 2)[count // 2]).sum()) if count >= _STILL else 0
     return f"stamps stand still: {count} messages, {same} with one stamp" if 2 * same > max(count, _STILL) else ""
+
+
+def hangs(time_ns: Times) -> list[tuple[int, int]]:
+    """Return each ascending stamp at which a clock hangs, and how many samples have it: the next are stamped too early.
+
+    A coarse clock stands still for about as many samples each time; one that then leaps by their time is no longer off.
+    """
+    begins = np.flatnonzero(np.diff(time_ns, prepend=time_ns[:1] - 1))
+    if len(begins) < _STILL:
+        return []
+    count, steps = np.diff(begins, append=len(time_ns)), np.diff(time_ns[begins], append=time_ns[-1:])
+    usual = float(np.median(count))
+    hung = (count > max(_HANGS, _TIMES * usual)) & (2.0 * usual * steps < count * np.median(steps))
+    return list(zip(time_ns[begins[hung]].tolist(), count[hung].tolist(), strict=True))
 
 
 def _ahead(time_ns: Times) -> NDArray[np.intp]:

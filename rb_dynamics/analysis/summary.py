@@ -237,7 +237,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
-        notes=(*track.notes, *_epoch(bag)),
+        notes=(*track.notes, *_moves(track), *_epoch(bag)),
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
         onboard=used,
@@ -255,6 +255,8 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         for series in (track.pose, track.twist)
     ):
         return "these are several runs"
+    if any(series is not None and series.hangs for series in (track.pose, track.twist)):
+        return "stamps stand still for a while"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"
     if track.pose is not None and off_unit(track.pose.values[:, 3:]) > _NO_ATTITUDE:
@@ -413,6 +415,12 @@ def _range(track: Track, name: str, unit: str, series: TimeSeries) -> Range:
     ends = [int(values.argmin()), int(values.argmax())]
     (low_at, high_at), (low, high) = track.seconds(series.time_ns[ends]).tolist(), values[ends].tolist()
     return Range(name, unit, low, low_at, high, high_at)
+
+
+def _moves(track: Track) -> list[str]:
+    """Return a note on when the body was moved, if it was."""
+    at = ", ".join(f"{each:.9g}" for each in track.seconds(track.moved_ns).tolist())
+    return [f"The body was moved to another state (set_state) at t = {at} s: nothing is judged across."] if at else []
 
 
 def _epoch(bag: Bag) -> list[str]:

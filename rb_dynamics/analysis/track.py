@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.stamp_order import Disorder, standing
+from rb_dynamics.analysis.stamp_order import Disorder, hangs, standing
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
@@ -92,6 +92,14 @@ class TimeSeries:
         first = np.append(True, np.diff(self.time_ns) > 0)
         return self if first.all() else replace(self, time_ns=self.time_ns[first], values=self.values[first])
 
+    @property
+    def hangs(self) -> list[tuple[int, int]]:
+        """As `stamp_order.hangs`; samples that repeat the one before do not count."""
+        at = np.flatnonzero(np.diff(self.time_ns) == 0)
+        one, next_ = (self.values.reshape(len(self.time_ns), -1)[rows] for rows in (at, at + 1))
+        again = ((one == next_) | (np.isnan(one) & np.isnan(next_))).all(axis=1)
+        return hangs(np.delete(self.time_ns, at[again]))
+
     def faults(self, start_ns: int) -> list[str]:
         """Return what is wrong with frames and stamps, as text; times count from `start_ns`."""
         told = []
@@ -101,6 +109,10 @@ class TimeSeries:
             told.append(f"{of} are of other frames than the rest, and left out: {each}")
         told += [self.disorder.told(start_ns)] if self.disorder is not None else []
         told += [each.told(start_ns) for each in self.spikes]
+        told += [
+            f"stamps stand still at t = {(at - start_ns) * 1e-9:.6g} s for {count} samples: those after are too early"
+            for at, count in self.hangs
+        ]
         return told + [still for still in [standing(self.time_ns)] if still]
 
 
@@ -222,14 +234,23 @@ class Track:
 
     @property
     def moved_ns(self) -> Times:
-        """When the body was moved to another state from outside, ascending; a sample of that time is from before."""
+        """When the body was moved to another state from outside, ascending; a sample of that time is from before.
+
+        Of a log of this package, also of one that `convert` made a bag of.
+        """
         name, type_name = SET_STATE
         found = [
             topic.log_times
             for topic in self.bag.topics.values()
-            if self.own and topic.type_name == type_name and topic.name.rpartition("/")[2] == name
+            if topic.type_name == type_name and topic.name.rpartition("/")[2] == name
         ]
         return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
+
+    def moved_before(self, time_ns: Times) -> NDArray[np.bool_]:
+        """Return for each sample whether the body was moved to another state since the one before."""
+        moved = np.zeros(len(time_ns) + 1, dtype=bool)
+        moved[np.searchsorted(time_ns, self.moved_ns, side="right")] = True
+        return moved[:-1]
 
     @property
     def zero_ns(self) -> int:

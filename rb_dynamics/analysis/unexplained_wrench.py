@@ -200,6 +200,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     # Over a gap the quadrature is meaningless, whatever its error estimate.
     known = np.isfinite(push.error) & (turn.error <= _ROUGH * moved.scale if direct else np.isfinite(turn.error))
     known[1:] &= np.diff(time_ns) > 0
+    known &= ~track.moved_before(time_ns)
     if int(known[1:].sum()) < _LEAST_INTERVALS:
         return None
     known[:1] = False

@@ -12,8 +12,10 @@ from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of, checks_of, failing, spin
 
 from rb_dynamics.analysis.continuity import continuity
+from rb_dynamics.analysis.identification.flights import flight_of
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.formats.topic_messages import Topic
@@ -210,3 +212,24 @@ def test_stamps_of_a_coarse_clock_are_no_contradiction(noise: float, tick_ns: in
     motion = spin(noise=noise)
     coarse = replace(motion, time_ns=motion.time_ns // tick_ns * tick_ns)
     assert not any("within 0 s" in detail for detail in failing(bag_of(coarse)).values())
+
+
+@pytest.mark.parametrize("later_ns", [10_000_000, 1_510_000_000])
+def test_stamps_that_stand_still_for_a_while_are_named_and_no_physics(later_ns: int) -> None:
+    """As of a driver that hangs for 1.5 s, unless they then leap to the right time."""
+    motion = spin(noise=1e-4)
+    start_ns = int(motion.time_ns[0])
+    motion.time_ns[400:550], motion.time_ns[550:] = motion.time_ns[400], motion.time_ns[400:850] + later_ns
+    bag, leaps = bag_of(motion, wrench=True), later_ns > 1_000_000_000
+    detail = failing(bag)["/b/pose is whole"]
+    assert ("stamps stand still at t = 4 s for 150 samples" in detail) == (not leaps)
+    assert ("1 gap: 1.51 s from t = 4 s" in detail) == leaps
+    summary = summarize(read_track(bag, BALL))
+    assert (summary.residual is None) == (not leaps)
+    unknown = {check.name: check.detail for check in summary.checks if not check.judged}
+    assert (unknown.get("inertia explains the motion") == "not judged; stamps stand still for a while") == (not leaps)
+    if leaps:
+        assert flight_of(bag, BALL).span_ns == (0, int(motion.time_ns[-1]) - start_ns)
+    else:
+        with pytest.raises(LogError, match=r"stamps stand still at t = 4 s .*; cut it to before or after that"):
+            flight_of(bag, BALL)

@@ -78,6 +78,9 @@ def _inertia(model: Model) -> Array | None:
         # Of all inertias, that which leaves least of the momentum that it has itself.
         scale = size.T @ size
         values, axes = np.linalg.eigh(scale)
+        if not values[-1] > 0.0:
+            # Rates without any change tell nothing.
+            return None
         root = axes / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
         part = balance[:, :6] - balance[:, 6:] @ np.linalg.lstsq(balance[:, 6:], balance[:, :6], rcond=None)[0]
         six = root @ np.linalg.svd(part @ root, full_matrices=False)[2][-1]

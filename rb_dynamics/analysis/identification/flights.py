@@ -237,7 +237,8 @@ def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: T
     `topics` of a bag of another program describe the body; its wrenches are in `commands`, where these are given.
 
     Raises:
-        LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`.
+        LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`, or
+            its stamps stand still for a while.
     """
     return flight_of(read_bag(path, repeated=False), scene, commands, topics)
 
@@ -248,6 +249,10 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     track = read_track(bag, None if own else scene, None if own else mine)
+    if any(series is not None and series.hangs for series in (track.pose, track.twist)):
+        raise LogError(
+            f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
+        )
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
     notes += track.faults

@@ -263,12 +263,13 @@ def _part(
 
 
 def _known(track: Track) -> list[tuple[int, int]]:
-    """Return the stretches of time in which all wrenches are known."""
+    """Return the stretches of time in which all wrenches are known and nobody moved the body to another state."""
     begin, end = track.span_ns
     found = [(begin, end)]
-    for each in track.acting:
-        until = np.append(each.time_ns[1:], end)
-        for low, high in zip(each.time_ns[~each.known].tolist(), until[~each.known].tolist(), strict=True):
+    unknown = [(track.moved_ns, track.moved_ns + 1)]
+    unknown += [(each.time_ns[~each.known], np.append(each.time_ns[1:], end)[~each.known]) for each in track.acting]
+    for since, until in unknown:
+        for low, high in zip(since.tolist(), until.tolist(), strict=True):
             found = [part for a, b in found for part in ((a, min(b, low)), (max(a, high), b)) if part[1] > part[0]]
     return found
 

@@ -29,7 +29,9 @@ from rb_dynamics import (
     simulate,
 )
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
-from rb_dynamics.analysis.read_track import TopicChoice
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
+from rb_dynamics.analysis.summary import EXPLAINS, summarize
+from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
 from rb_dynamics.run.state_change import StateChange
@@ -173,12 +175,20 @@ def test_a_log_whose_body_was_moved_is_fitted_piece_by_piece(tmp_path: Path) -> 
     run.set_state(StateChange.to(State(0, angular_velocity_body=(-0.4, 0.1, 0.6)), scene.body).at(5_000_000_000))
     run.advance(10_000_000_000)
     run.finish()
-    found = identify(guess(scene.body), tmp_path / "run.mcap", ["inertia"])
-
-    assert found.explained
-    assert found.passed
-    np.testing.assert_allclose(found.body.inertia, scene.body.inertia, rtol=0.0, atol=1e-5)
-    assert sum("moved to another state (set_state) at 5 s" in note for note in found.notes) == 1
+    # The messages of a log, as a bag.
+    assert main(["convert", str(tmp_path / "run.mcap"), str(tmp_path / "bag.mcap")]) == 0
+    for name in ("run.mcap", "bag.mcap"):
+        found = identify(guess(scene.body), tmp_path / name, ["inertia"])
+        assert found.explained
+        assert found.passed
+        np.testing.assert_allclose(found.body.inertia, scene.body.inertia, rtol=0.0, atol=1e-5)
+        assert sum("moved to another state (set_state) at 5 s" in note for note in found.notes) == 1
+        summary = summarize(read_track(read_bag(tmp_path / name), scene))
+        assert summary.passed
+        assert any("(set_state) at t = 5 s" in note for note in summary.notes)
+    assert summary.residual is not None
+    assert summary.residual.explained
+    assert next(check for check in summary.checks if check.name == EXPLAINS).judged
 
 
 JET = """\
