@@ -43,7 +43,7 @@ from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
-from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
+from rb_dynamics.logs.stamp_clock import ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.topics_of_channels import of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
@@ -622,7 +622,11 @@ class _TrackReader:
         motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
         stamped = next((name for name in motion if self.bag.topics[name].stamps_given), "")
         source = self.bag.topics[topic]
-        if RUN in self.bag.metadata or not stamped or not source.count or source.stamps_given:
+        if RUN in self.bag.metadata or not source.count or source.stamps_given:
+            return ClockLine()
+        if source.type_name in WRENCHES and (told := in_bursts(topic, source.log_times)):
+            self.doubt = self.doubt or f"cannot tell when {topic} acted: {told}"
+        if not stamped:
             return ClockLine()
         stamps = self.bag.topics[stamped].stamps
         if standing(stamps):

@@ -19,6 +19,8 @@ _MOST = 4096
 _LEAST, _SHORTEST, _ABOVE, _SMALLEST = 8, 1.0, 4.0, 1e-3
 # In each of so many parts of the time, the least delay is on the line within these bounds, s: about a sample.
 _PARTS, _FINEST, _COARSEST = 16, 0.02, 0.1
+# Messages come in bursts if of so many intervals more than half are shorter than this (ns) and this part of the mean.
+_FEW, _AT_ONCE_NS, _PART = 8, 1_000_000, 0.1
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,17 @@ class StampClock:
                 left, level, drift = rest, y - slope * x, slope
         error = float(left.max())
         return ClockLine(begin_ns, least_ns + round(level * 1e9), drift, error, error <= jitter, self.count)
+
+
+def in_bursts(topic: str, log_times: Times) -> str:
+    """Return that messages without stamps were recorded in bursts, as text; "" if they were not."""
+    steps = np.diff(np.sort(log_times)).astype(np.float64)
+    if len(steps) < _FEW or 2 * int((steps < min(_AT_ONCE_NS, _PART * float(steps.mean()))).sum()) <= len(steps):
+        return ""
+    return (
+        f"{topic} has no stamps and was recorded in bursts, up to {float(steps.max()) * 1e-9:.3g} s apart: its "
+        "messages may have been sent that much earlier"
+    )
 
 
 def _edge(at: list[float], late: list[float], middle: float) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -31,7 +31,7 @@ from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Received
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
-from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
+from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 
 _logger = logging.getLogger(__name__)
@@ -135,6 +135,7 @@ class _Recording:
         beside: the same of another bag, for one without any stamp.
         known: how its log times follow the stamps, where that was found before.
         bare: how many commands are of a type without stamps.
+        bare_times: log times of commands without stamps, of either kind, by topic.
         within: commands between start and end of the run.
         early: commands before its start, on each channel: the last acts from the start on, unless another is there.
         prompt: channels that have a command at the start.
@@ -170,6 +171,7 @@ class _Recording:
     beside: ClockLine | None = None
     known: ClockLine | None = None
     bare: int = 0
+    bare_times: dict[str, list[Times]] = field(default_factory=dict)
     within: int = 0
     early: Counter[int] = field(default_factory=Counter)
     prompt: set[int] = field(default_factory=set)
@@ -387,6 +389,13 @@ class RecordedWrenches:
             if bag.still and not (bag.by_log or bag.unstamped)
         )
         self.notes += filter(None, map(_clock_note, self._bags))
+        self.notes += (
+            f"{bag.path}: {told}; each acts at its log time"
+            for bag in self._bags
+            if bag.times_unstamped
+            for topic, blocks in bag.bare_times.items()
+            if (told := in_bursts(topic, np.concatenate(blocks)))
+        )
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
         self.late = sum(bag.count - bag.within - bag.early.total() for bag in self._bags)
@@ -545,6 +554,7 @@ class RecordedWrenches:
                 bag.moves += len(block.log_times)
             if self._drives(block.channel) is not None:
                 bag.setpoints.add(block.log_times)
+                bag.bare_times.setdefault(name, []).append(block.log_times)
             if kind not in WRENCHES:
                 bag.take(block, kind)
             if kind in WRENCHES:
@@ -553,6 +563,8 @@ class RecordedWrenches:
                     batch = _batch(source, bag, block, kind, self._topics.index(topic))
                     self._count(bag, batch)
                     bag.bare += len(batch.stamps) * (kind != WRENCH)
+                    bare = slice(None) if kind != WRENCH else batch.stamps == 0
+                    bag.bare_times.setdefault(name, []).append(batch.log_times[bare])
                     bag.goes_on(id(block.channel), batch.stamps)
         for channel in source.channels.values():
             name, kind = channel.topic.removeprefix("/"), named_type(channel)

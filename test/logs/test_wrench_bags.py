@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rb_dynamics import Simulation, inspect, parse_scene, simulate
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.cli import main
 from rb_dynamics.cli.output import warn_outside
 from rb_dynamics.errors import LogError
@@ -430,6 +431,23 @@ def test_commands_of_one_stamp_are_counted(tmp_path: Path) -> None:
     told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto").notes
     assert "77 of its 78 commands have the stamp of the one before" in told[-1]
     assert not any("stalls" in note for note in told)
+
+
+@pytest.mark.parametrize("kind", [SCALAR, WRENCH])
+@pytest.mark.parametrize("every", [1, 20])
+def test_commands_without_stamps_that_come_in_bursts_are_named(tmp_path: Path, kind: str, every: int) -> None:
+    """20 at once each second, of a link that stalls, beside a motion that comes steadily."""
+    rows = poses(range(WALL_NS, WALL_NS + 20 * SECOND, SECOND // 20), lambda at: at)
+    topic, data = "/w/command", cdr.encode(SCALAR, (0.5,))
+    if kind == WRENCH:
+        topic, data = "/wrench", cdr.encode(WRENCH, (1.0,) * 6)
+    rows += [(topic, kind, WALL_NS + -(-k // every) * every * SECOND // 20 + k, data) for k in range(1, 400)]
+    bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
+    told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto", actuators=["w/command"]).notes
+    words = f"{topic} has no stamps and was recorded in bursts, up to 1 s apart"
+    assert any(words in note for note in told) == (every > 1)
+    if kind == WRENCH:
+        assert (words in read_track(read_bag(bag)).doubt) == (every > 1)
 
 
 def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: Path) -> None:
