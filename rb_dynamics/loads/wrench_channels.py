@@ -448,8 +448,8 @@ class WrenchChannels:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""
         self._table, self._row = table if self._table is None else self._table.followed_by(table, self._row), 0
 
-    def hasten(self, by_ns: int, now_ns: int) -> list[str]:
-        """Let pending commands that have a stamp act `by_ns` sooner; return the topics of those that never will.
+    def hasten(self, by_ns: int | None, now_ns: int) -> list[str]:
+        """Let pending commands that have a stamp act `by_ns` sooner, None: never; return the topics of these.
 
         Of each channel's commands that would have acted before `now_ns`, the newest acts then, and the others never.
         """
@@ -460,6 +460,8 @@ class WrenchChannels:
             channel, command = pending.channel, pending.command
             if channel >= self._commanded or pending.on_its_way or not command.received.stamp_ns:
                 kept.append(pending)
+            elif by_ns is None:
+                overtaken.append(self._channels[channel].topic)
             elif pending.time_ns - by_ns > now_ns or command.held is None:
                 kept.append(pending._replace(time_ns=max(now_ns, pending.time_ns - by_ns)))
             else:

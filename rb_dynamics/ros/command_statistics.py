@@ -46,11 +46,11 @@ class Arrivals:
         self._acted_ns = stamp_ns
         return Arrival.ON_TIME if stamp_ns == now_ns else Arrival.LATE
 
-    def hasten(self, by_ns: int) -> None:
-        """Make all stamps this much earlier: this time has passed without being simulated."""
-        self._heap = [stamp_ns - by_ns for stamp_ns in self._heap]
+    def hasten(self, by_ns: int | None) -> None:
+        """Make all stamps this much earlier, as time passed without being simulated; None: what waits never acts."""
+        self._heap = [] if by_ns is None else [stamp_ns - by_ns for stamp_ns in self._heap]
         self._waiting = set(self._heap)
-        if self._acted_ns is not None:
+        if self._acted_ns is not None and by_ns is not None:
             self._acted_ns -= by_ns
 
 

@@ -114,7 +114,7 @@ class ClockFollower:
     def __init__(self, now: Callable[[], int], steady: Callable[[], float] = time.monotonic) -> None:
         """Use the clock to follow (ns; 0 before its first message), and a steady clock to detect that it is paused."""
         self._now, self._steady = now, steady
-        self._standing = False
+        self._standing, self._clock_ns = False, 0
         self.clear()
         self.begin(0)
 
@@ -132,10 +132,17 @@ class ClockFollower:
     def begin(self, offset_ns: int) -> None:
         """Begin a run at simulation time 0; the clock determines the stamps."""
         self.restart(0)
+        self._went_back = False
 
     def restart(self, time_ns: int) -> None:
         """Let the present simulation time be `time_ns`."""
+        self._went_back = 0 < self._now() < self._clock_ns
         self._time_ns, self._clock_ns, self._moved = time_ns, self._now(), self._steady()
+
+    def went_back(self) -> bool:
+        """Return whether the clock has jumped back since this was asked last."""
+        found, self._went_back = self._went_back, False
+        return found
 
     def due_ns(self, next_ns: int) -> int:
         """Return the simulation time due now."""
@@ -169,7 +176,8 @@ class ClockFollower:
         if self._jumps_back or self._leaps:
             return (
                 f"jumps of the clock: {self._jumps_back} back, {self._leaps} ahead by more than 10 s; only the stamps "
-                "jumped, the body continued from where it was; ~/reset starts again"
+                "jumped, the body continued from where it was; after a jump back, commands that waited for their "
+                "stamps never act; ~/reset starts again"
             )
         return ""
 
@@ -185,6 +193,7 @@ class ClockFollower:
             pass
         elif passed < 0:
             self._jumps_back += 1
+            self._went_back = True
         elif passed > LARGEST_LEAP_NS:
             self._leaps += 1
         else:

@@ -172,6 +172,8 @@ class Runner:
         Not if stamps count, as a command with an earlier stamp may still arrive.
         """
         if self.lockstep or self._mode.apply_at == "stamp":
+            # Stamps are those of the present clock.
+            self._due_ns()
             self._host.take_commands()
         else:
             self.tick()
@@ -567,6 +569,12 @@ class Runner:
         due_ns = self.pacer.due_ns(self._next_look_ns())
         if isinstance(self.pacer, Pacer):
             self._keep_to_stamps(offset_ns)
+        elif self.pacer.went_back() and self._mode.apply_at == "stamp":
+            # What waits was stamped in a time that is over.
+            for arrivals in self._arrivals.values():
+                arrivals.hasten(None)
+            for topic in self.simulation.hasten(None):
+                self.health.overtaken(topic)
         return due_ns
 
     def _next_ns(self) -> int:

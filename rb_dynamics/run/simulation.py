@@ -552,8 +552,8 @@ class Simulation:
                 rejected.append(_rejection(topic, wrench.stamp_ns, error))
         return rejected
 
-    def hasten(self, by_ns: int) -> list[str]:
-        """Let pending commands that have a stamp act this much sooner; return the channels of those that never will.
+    def hasten(self, by_ns: int | None) -> list[str]:
+        """Let pending commands that have a stamp act this much sooner, None: never; return the channels of these.
 
         Of each channel's commands that would have acted before now, the newest acts now, and the others never.
         """

@@ -16,7 +16,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.health import Health
-from rb_dynamics.ros.pacing import Pacer
+from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.runner import Host, Mode, Runner
 from rb_dynamics.run.sink import Event, Sink, StateChange, Status
 
@@ -43,13 +43,17 @@ class Memory:
 
 
 def runner(
-    text: str = SCENE, mode: Mode | None = None, host: Host | None = None, said: list[str] | None = None
+    text: str = SCENE,
+    mode: Mode | None = None,
+    host: Host | None = None,
+    said: list[str] | None = None,
+    pacer: Pacer | ClockFollower | None = None,
 ) -> Runner:
     scene = parse_scene(text)
     said = [] if said is None else said
     topics = [*(channel.topic for channel in scene.channels), *(each.topic for each in scene.actuators)]
     health = Health("/body", topics, lambda level, message: said.append(message))
-    body = Runner(scene, mode or Mode(start_paused=True), Pacer(1.0), health, host or Memory())
+    body = Runner(scene, mode or Mode(start_paused=True), pacer or Pacer(1.0), health, host or Memory())
     body.start()
     return body
 
@@ -718,3 +722,56 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
     status = body.health.status(body.simulation, body.pacer, "running")
     assert int(status.values["overruns"]) > 0
     assert "the machine is too slow" in status.message
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool) -> None:
+    """A command of the time before acted among those of the new one, at a stamp that is not its own."""
+    clock = [100.0]
+    follower = ClockFollower(lambda: round(clock[0] * 1e9))
+    body = runner(SCENE.replace("duration: 1.0\n", ""), Mode(apply_at="stamp"), pacer=follower)
+
+    def at(time_s: float) -> None:
+        clock[0] = time_s
+        body.tick()
+        while body.behind:
+            body.tick()
+
+    def push(stamp_s: float) -> None:
+        body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=round(stamp_s * 1e9)))
+
+    at(100.1)
+    push(100.5)
+    if paused:
+        body.pause(True)
+        clock[0] = 1.0
+        body.pause(False)
+    at(1.0)
+    assert follower.offset_ns == round(0.9e9)
+    at(1.7)
+    assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.0)
+    assert count(body, "superseded") == 1
+    push(1.8)
+    at(1.9)
+    # 2 N for 0.1 s.
+    assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.2)
+
+
+def test_a_command_that_comes_just_after_the_clock_jumped_has_the_stamp_of_the_new_time() -> None:
+    class Waiting(Memory):
+        def take_commands(self) -> None:
+            while commands:
+                body.command("wrench", commands.pop())
+
+    clock, commands = [100.0], list[Wrench]()
+    follower = ClockFollower(lambda: round(clock[0] * 1e9))
+    body = runner(SCENE.replace("duration: 1.0\n", ""), Mode(apply_at="stamp"), Waiting(), pacer=follower)
+    for clock[0] in (100.1, 1.0, 1.7):
+        if clock[0] == 1.0:
+            commands.append(Wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=1_500_000_000))
+            body.prepare()
+        body.tick()
+        while body.behind:
+            body.tick()
+    # 2 N for 0.2 s, beside 2 N s at the start.
+    assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.4)
