@@ -11,11 +11,19 @@ from __future__ import annotations
 import functools
 import itertools
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, TypeAlias
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Times = npt.NDArray[np.int64]
+    Numbers = npt.NDArray[np.float64]
+    Bytes = npt.NDArray[np.uint8]
 
 # A field is STAMP, STRING, BYTE, the number of float64 in a row, or a list: a sequence of structures of such fields.
 Field: TypeAlias = "str | int | list[Field]"
@@ -122,6 +130,29 @@ def places(type_name: str, data: bytes) -> tuple[list[int], list[int]]:
     """Return where the stamps are in a message that `decode` accepts, and where its runs of float64."""
     decoder = _Decoder(data, "<" if data[1] else ">")
     return decoder.places(LAYOUTS[type_name])
+
+
+def like(type_name: str, model: bytes, times_ns: Times, runs: Iterable[Numbers | None]) -> Bytes:
+    """Return messages like `model` but for their stamps and, where given, their runs of float64: (n, length).
+
+    Args:
+        type_name: of `model`, which `encode` made.
+        model: a message.
+        times_ns: (n,), of each message.
+        runs: (n, width) for each run of float64.
+    """
+    import numpy as np
+
+    starts, places_of_runs = places(type_name, model)
+    stamps = np.stack([times_ns // NANOSECONDS, times_ns % NANOSECONDS], axis=1).astype("<i4")
+    rows = np.tile(np.frombuffer(model, np.uint8), (len(times_ns), 1))
+    parts = [(at, stamps) for at in starts]
+    parts += [(at, run.astype("<f8")) for at, run in zip(places_of_runs, runs, strict=True) if run is not None]
+    for at, part in parts:
+        # Not -1: where commands come by the thousand between two outputs, there is no row that gives the width.
+        flat = np.ascontiguousarray(part).view(np.uint8).reshape(len(part), part.shape[1] * part.itemsize)
+        rows[:, at : at + flat.shape[1]] = flat
+    return rows
 
 
 def first_number(type_name: str, data: bytes) -> int:

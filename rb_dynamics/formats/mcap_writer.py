@@ -64,10 +64,10 @@ def framed(channel: int, messages: npt.NDArray[np.uint8], log_times: npt.NDArray
     return records
 
 
-def framed_one(channel: int, message: bytes, log_time: int) -> bytes:
-    """Return the record of one message."""
-    length = _MESSAGE_FIELDS + len(message)
-    return _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, log_time, log_time) + message
+def in_rows(records: npt.NDArray[np.uint8]) -> list[bytes]:
+    """Return the rows of records, (n, length)."""
+    data, width = records.tobytes(), records.shape[1]
+    return [data[begin : begin + width] for begin in range(0, len(data), width)]
 
 
 @dataclass

@@ -26,8 +26,8 @@ class Commands(Protocol):
     def __call__(self, row: int) -> Wrench:
         """Return the command of a row."""
 
-    def message(self, row: int) -> bytes | None:
-        """Return the message in which it was recorded; None if it is not from a log."""
+    def messages(self, rows: Whole) -> list[bytes | None]:
+        """Return the messages in which these rows were recorded; None for one that is not from a log."""
 
 
 class Received(NamedTuple):
@@ -49,9 +49,12 @@ class Received(NamedTuple):
 
     def messages(self) -> list[bytes | None]:
         """Return the message of each row, see `Commands`."""
-        return [
-            self.blocks[block].message(row) for block, row in zip(self.block.tolist(), self.row.tolist(), strict=True)
-        ]
+        found: list[bytes | None] = [None] * len(self.row)
+        for number, block in enumerate(self.blocks):
+            rows = (self.block == number).nonzero()[0]
+            for row, message in zip(rows.tolist(), block.messages(self.row[rows]), strict=True):
+                found[row] = message
+        return found
 
     def some(self, rows: Whole | slice) -> Received:
         """Return this for some rows only."""
@@ -133,8 +136,8 @@ class _Listed(NamedTuple):
     def __call__(self, row: int) -> Wrench:
         return self.wrenches[row]
 
-    def message(self, row: int) -> bytes | None:
-        return self.wrenches[row].message
+    def messages(self, rows: Whole) -> list[bytes | None]:
+        return [self.wrenches[row].message for row in rows.tolist()]
 
 
 def listed(channels: Sequence[int], wrenches: Sequence[Wrench], times_ns: Sequence[int]) -> CommandBatch:

@@ -290,7 +290,6 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
     topics = sample_topics(scene, accel=False)
     still = Sample(0, ZERO, IDENTITY, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0)
     models = sample_encoder(scene)(still)
-    places = [cdr.places(kind, model) for (_, kind), model in zip(topics, models, strict=True)]
 
     def encode(samples: Sample, times_ns: Times) -> list[Bytes]:
         pose = (*samples.position_world, *samples.orientation_xyzw)
@@ -309,23 +308,10 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
             "/tf": (pose,),
             POTENTIAL[0]: ((samples.potential_energy,),),
         }
-        stamps = np.empty((len(times_ns), 2), dtype="<i4")
-        stamps[:, 0], stamps[:, 1] = times_ns // NANOSECONDS, times_ns % NANOSECONDS
-        found = []
-        for (name, _), model, (starts, runs) in zip(topics, models, places, strict=True):
-            rows = np.tile(np.frombuffer(model, np.uint8), (len(times_ns), 1))
-            parts = [(at, stamps) for at in starts]
-            parts += [
-                (at, np.stack(run, axis=1).astype("<f8"))
-                for at, run in zip(runs, numbers[name], strict=True)
-                if run is not None
-            ]
-            for at, part in parts:
-                # Not -1: where commands come by the thousand between two outputs, there is no row that gives the width.
-                flat = part.view(np.uint8).reshape(len(part), part.shape[1] * part.itemsize)
-                rows[:, at : at + flat.shape[1]] = flat
-            found.append(rows)
-        return found
+        return [
+            cdr.like(kind, model, times_ns, [run and np.stack(run, axis=1) for run in numbers[name]])
+            for (name, kind), model in zip(topics, models, strict=True)
+        ]
 
     return encode
 

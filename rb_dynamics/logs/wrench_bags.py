@@ -730,15 +730,20 @@ class _Commands(NamedTuple):
         fx, fy, fz, tx, ty, tz = self.wrench[row].tolist()
         frame_id = self.frame_ids[int(self.frame[row])]
         command = Wrench((fx, fy, fz), (tx, ty, tz), frame_id, int(self.time_ns[row]))
-        if (data := self.message(row)) is not None:
+        if (data := self.messages(np.array([row]))[0]) is not None:
             object.__setattr__(command, "message", data)
         return command
 
-    def message(self, row: int) -> bytes | None:
+    def messages(self, rows: Times) -> list[bytes | None]:
+        if self.stamps is None:
+            return [None] * len(rows)
         # Where its time in the run is another than its stamp, a message of its own has that.
-        if self.stamps is None or self.time_ns[row] != self.stamps[row]:
-            return None
-        return self.block.data[self.block.begins[row] : self.block.ends[row]].tobytes()
+        stands = (self.time_ns[rows] == self.stamps[rows]).tolist()
+        begins, ends = self.block.begins[rows], self.block.ends[rows]
+        first = int(begins[0]) if len(rows) else 0
+        data = self.block.data[first : int(ends.max(initial=first))].tobytes()
+        places = zip(stands, (begins - first).tolist(), (ends - first).tolist(), strict=True)
+        return [data[begin:end] if stand else None for stand, begin, end in places]
 
 
 def _batch(

@@ -70,13 +70,20 @@ class InputHash:
         rows, came = changes.row[commanded], changes.came
         numbers = np.ascontiguousarray(came.wrench[rows], dtype="<f8").tobytes().hex()
         columns = changes.time_ns[commanded], changes.channel[commanded], came.stamp_ns[rows], came.frame[rows]
-        for i, (time_ns, place, stamp_ns, frame) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):
-            if time_ns > self._time_ns:
-                self._end_nanosecond()
-                self._time_ns = time_ns
-            six = numbers[96 * i : 96 * i + 96]
-            line = f"{time_ns} {changes.topics[place]} {stamp_ns} {six} {came.frame_ids[frame]}\n"
-            self._lines.append((place, line))
+        lines = [
+            f"{time_ns} {changes.topics[place]} {stamp_ns} {numbers[96 * i : 96 * i + 96]} {came.frame_ids[frame]}\n"
+            for i, (time_ns, place, stamp_ns, frame) in enumerate(zip(*(c.tolist() for c in columns), strict=True))
+        ]
+        times, places = columns[:2]
+        # Only the first nanosecond may have lines already, and only the last may get more.
+        first, last = times.searchsorted(self._time_ns, "right"), times.searchsorted(times.max(initial=0))
+        self._lines += zip(places[:first].tolist(), lines[:first], strict=True)
+        if first < len(lines):
+            self._end_nanosecond()
+            order = np.lexsort((places[first:last], times[first:last])) + first
+            self._hash.update("".join([lines[i] for i in order.tolist()]).encode("utf-8", "replace"))
+            self._lines += zip(places[last:].tolist(), lines[last:], strict=True)
+            self._time_ns = int(times[-1])
 
     def actuate(self, command: ActuatorCommand) -> None:
         """Add a command to an actuator, after those on channels of its nanosecond: `TIME TOPIC NUMBER`.

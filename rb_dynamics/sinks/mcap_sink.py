@@ -29,7 +29,7 @@ from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, framed_one
+from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, in_rows
 from rb_dynamics.formats.message_types import VECTOR, WRENCH
 from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.logs.messages import (
@@ -53,7 +53,7 @@ from rb_dynamics.logs.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.numerics.nanoseconds import split_stamp
+from rb_dynamics.numerics.distinct import distinct
 from rb_dynamics.run.event_arrays import EventArrays
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.sink import (
@@ -73,7 +73,7 @@ from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench_command_arrays import Changes
-    from rb_dynamics.logs.messages import Times
+    from rb_dynamics.logs.messages import Bytes, Times
     from rb_dynamics.scene.model import Scene
 
 FLUSH_S = 0.5
@@ -280,8 +280,7 @@ class McapSink:
         messages = self._encode_block(block.samples, times)
         records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
         widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
-        samples, width = np.concatenate(records, axis=1).tobytes(), widths[-1]
-        rows = [samples[k : k + width] for k in range(0, len(samples), width)]
+        rows = in_rows(np.concatenate(records, axis=1))
         pieces, at, kind = (
             self._with_changes(rows, block) if len(changes.time_ns) else (rows, times, np.full(len(rows), -1))
         )
@@ -324,21 +323,30 @@ class McapSink:
 
     def _framed_changes(self, changes: Changes) -> tuple[list[bytes], list[bytes]]:
         """Return the records of commands as received, "" for a timeout, and as they act."""
-        ids = [self._ids.get(topic) for topic in changes.topics]
-        applied = [self._ids[topic + APPLIED] for topic in changes.topics]
-        packers = [cdr.stamped_packer(WRENCH, frame) for frame in changes.frames]
-        messages = changes.came.received.messages()
-        came, acts = list[bytes](), list[bytes]()
-        columns = changes.time_ns, changes.channel, changes.row, changes.in_world, changes.wrench
-        for time_ns, channel, row, in_world, wrench in zip(*(each.tolist() for each in columns), strict=True):
-            number, record = ids[channel], b""
-            if row >= 0 and number is not None:
-                message = messages[row]
-                if message is None:
-                    message = encode_received(changes.came.received(row))
-                record = framed_one(number, message, time_ns)
-            came.append(record)
-            acts.append(framed_one(applied[channel], packers[in_world](*split_stamp(time_ns), *wrench), time_ns))
+        import numpy as np
+
+        came, acts = [b""] * len(changes.row), [b""] * len(changes.row)
+        messages, received = changes.came.received.messages(), changes.came.received
+
+        def add(to: list[bytes], number: int, rows: Times, each: Bytes) -> None:
+            for i, record in zip(rows.tolist(), in_rows(framed(number, each, changes.time_ns[rows])), strict=True):
+                to[i] = record
+
+        for channel, topic in enumerate(changes.topics):
+            mine = changes.channel == channel
+            for in_world, frame in enumerate(changes.frames):
+                rows = (mine & (changes.in_world == in_world)).nonzero()[0]
+                model = cdr.stamped_packer(WRENCH, frame)(0, 0, *(0.0,) * 6)
+                each = cdr.like(WRENCH, model, changes.time_ns[rows], [changes.wrench[rows]])
+                add(acts, self._ids[topic + APPLIED], rows, each)
+            if (number := self._ids.get(topic)) is not None:
+                rows = (mine & (changes.row >= 0)).nonzero()[0]
+                sent = [messages[row] or encode_received(received(row)) for row in changes.row[rows].tolist()]
+                lengths = np.array([len(message) for message in sent])
+                for length in distinct(lengths):
+                    alike = (lengths == length).nonzero()[0]
+                    data = np.frombuffer(b"".join(sent[i] for i in alike.tolist()), np.uint8)
+                    add(came, number, rows[alike], data.reshape(len(alike), -1))
         return came, acts
 
     def _add_late(self, name: str, type_name: str, message: bytes, time_ns: int) -> None:
