@@ -18,6 +18,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.compiled_load import Underway, effect_numbers, functions_in
 from rb_dynamics.loads.effect import Effect, Field, Point, Sight, Slowing, Stored, Wrenching
+from rb_dynamics.loads.reaction_wheel import require_contained
 from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
 from rb_dynamics.numerics.argument_checks import shown
@@ -66,6 +67,7 @@ class CombinedEffects:
                 raise _not(effect, "takes", effect.takes, "a LoadDependence")
             effect.check(self.body)
             _inside_the_step(effect, self.body, 0.0)
+        require_contained(self.effects, self.body)
 
     @property
     def takes(self) -> LoadDependence:

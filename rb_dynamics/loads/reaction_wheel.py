@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.body.principal_axes import diagonalize
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator, clipped
+from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.number_ranges import Range, check_vector, read_numbers
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import FASTEST
 from rb_dynamics.numerics.argument_checks import number, shown
-from rb_dynamics.numerics.rotation import rotate_inverse
+from rb_dynamics.numerics.rotation import rotate, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, divide, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -25,6 +28,10 @@ COMMANDS = ("torque", "speed")
 
 NEAR_LIMIT = 0.95
 """Fraction of `max_speed` from which a wheel counts as near it."""
+
+# The part of the body's inertia about any direction that the wheels leave at least: rounding errors of the inertia are
+# then less than 1e-9 of what is left.
+_LEFT_OVER = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,18 +165,8 @@ class ReactionWheel(Actuator):
         return self.static_imbalance == 0.0 == self.dynamic_imbalance
 
     def check(self, body: RigidBody) -> None:
-        """Check that the wheel can be a part of `body`.
-
-        Raises:
-            SceneError: the body is a particle, or its inertia about the axis is not greater than the wheel's.
-        """
-        axis = self.axis_in(body)
-        whole = 0.0 if body.is_particle else dot(axis, times(body.principal_moments, axis))
-        if not self.inertia < whole:
-            raise SceneError(
-                f"reaction_wheel: inertia is {self.inertia!r}, expected less than {whole:.6g} kg m^2, the inertia of "
-                "the body about that axis, in which the wheel is contained; add the wheel to body.inertia"
-            )
+        """Check that the wheel can be a part of `body`; see `require_contained`."""
+        require_contained([self], body)
 
     def axis_in(self, body: RigidBody) -> Vector:
         """Return the unit vector of the axis in principal axes."""
@@ -199,3 +196,43 @@ class ReactionWheel(Actuator):
                 "radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
             )
         return accepted
+
+
+def require_contained(effects: Sequence[Effect], body: RigidBody) -> None:
+    """Check that the reaction wheels among `effects`, with the rotors, can together be parts of `body`.
+
+    Its inertia I without theirs, I - sum of J a a^T, must be positive definite.
+
+    Raises:
+        SceneError: the body is a particle, or they have more inertia than the body about some direction.
+    """
+    wheels = [each for each in effects if isinstance(each, ReactionWheel)]
+    if not wheels:
+        return
+    if body.is_particle:
+        raise SceneError("reaction_wheel: the body is a particle, expected one with inertia; add body.inertia")
+    inner = [(wheel.axis_in(body), wheel.inertia) for wheel in wheels]
+    rotors = [each.spin(body, 0.0) for each in effects if isinstance(each, Rotor)]
+    inner += [(rotor.axis, rotor.inertia) for rotor in rotors]
+    # In units in which I is the unit matrix, the largest eigenvalue of the sum is their largest part of it.
+    scales = [math.sqrt(moment) for moment in body.principal_moments]
+    rows = [[math.sqrt(j) * x / s for x, s in zip(axis, scales, strict=True)] for axis, j in inner]
+    if math.fsum(x * x for row in rows for x in row) < 1.0 - _LEFT_OVER:
+        return
+    a, b, c = (tuple(math.fsum(row[i] * row[k] for row in rows) for k in range(3)) for i in range(3))
+    parts, axes = diagonalize(((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])))
+    part = max(parts)
+    if part < 1.0 - _LEFT_OVER:
+        return
+    worst = [0.0, 0.0, 0.0]
+    worst[parts.index(part)] = 1.0
+    x, y, z = (u / s for u, s in zip(rotate(axes, (worst[0], worst[1], worst[2])), scales, strict=True))
+    way = scale(1.0 / norm((x, y, z)), (x, y, z))
+    whole = dot(way, times(body.principal_moments, way))
+    x, y, z = rotate(body.principal_orientation_xyzw, way)
+    found = " and ".join([*(wheel.name for wheel in wheels), *("a rotor" for _ in rotors)])
+    raise SceneError(
+        f"reaction_wheel: the inertia of {found} is {part * whole:.6g} kg m^2 about ({x:.3g}, {y:.3g}, {z:.3g}), "
+        f"expected less than the {whole:.6g} kg m^2 of the body about it, by {_LEFT_OVER:g} of that at least, as they "
+        "are contained in the body; add them to body.inertia, or correct inertia"
+    )

@@ -142,8 +142,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     taken: dict[str, str] = {}
     wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
-    magnetic = any(effect.magnetic_field() is not None for effect in acting)
-    driving, measuring = devices(root, reading.body, frames, magnetic, taken)
+    driving, measuring = devices(root, reading.body, frames, acting, taken)
     seed = int(root.number("seed", _SEED, 0.0))
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
     duration = root.get("duration")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.yaml.fields import Field, Section
 from rb_dynamics.loads.actuator import COMMAND, Actuator
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.reaction_wheel import require_contained
 from rb_dynamics.loads.scene_entry import SceneEntry
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.scene.read_effects import each_entry
@@ -16,7 +20,7 @@ from rb_dynamics.sensors.sensor_types import SENSORS
 
 
 def devices(
-    root: Section, body: RigidBody | None, frames: WrenchFrames, magnetic: bool, taken: dict[str, str]
+    root: Section, body: RigidBody | None, frames: WrenchFrames, acting: Sequence[Effect], taken: dict[str, str]
 ) -> tuple[tuple[Actuator, ...], tuple[Sensor, ...]]:
     """Return the actuators and the sensors in the order of the scene, empty without their section; records problems.
 
@@ -24,9 +28,10 @@ def devices(
         root: the scene.
         body: None if the scene has no valid one.
         frames: where a device may be.
-        magnetic: whether the scene has a magnetic field.
+        acting: the effects of the scene.
         taken: the topics of the scene, each with its key; those of the devices are added.
     """
+    magnetic = any(effect.magnetic_field() is not None for effect in acting)
 
     def values(kind: type[Actuator | Sensor], entry: Field, *common: str) -> SceneEntry:
         section = entry.section(("type", *common, *kind.keys))
@@ -48,6 +53,12 @@ def devices(
         return kind.read(values(kind, entry, *COMMON_KEYS))
 
     unfit, jet, imu = "that can be built", "{type: thruster, name: jet_1, ...}", "{type: imu, name: imu, rate: 100}"
-    found = each_entry(root.get("actuators"), ACTUATORS, "an actuator", jet, unfit, actuator)
+    listed, before = root.get("actuators"), root.field.problems.count
+    found = each_entry(listed, ACTUATORS, "an actuator", jet, unfit, actuator)
+    if listed is not None and body is not None and root.field.problems.count == before:
+        try:
+            require_contained((*acting, *found), body)
+        except SceneError as error:
+            listed.reject("wheels that fit into the body together", str(error))
     sensors = each_entry(root.get("sensors"), SENSORS, "a sensor", imu, unfit, sensor)
     return tuple(each for each in found if isinstance(each, Actuator)), sensors

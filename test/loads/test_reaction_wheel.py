@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 import rb_dynamics as rb
@@ -423,6 +425,41 @@ def test_what_is_no_wheel_is_one_clear_error(change: str, to: str) -> None:
     with pytest.raises(rb.SceneError, match="expected") as error:
         rb.Simulation(rb.parse_scene(THREE.replace(change, to)))
     assert len(str(error.value).splitlines()) <= 2
+
+
+def test_wheels_that_hold_more_inertia_than_the_body_about_some_direction_are_refused() -> None:
+    """Against the smallest eigenvalue of what the body has without them, by another library: in Python and as a scene.
+
+    Also one wheel beside a principal axis, and a wheel beside a rotor.
+    """
+    random, tensor = np.random.default_rng(4), np.array([[0.05, 0.001, 0.0], [0.001, 0.12, 0.002], [0.0, 0.002, 0.14]])
+    for axes in (random.normal(size=(1, 3)), random.normal(size=(2, 3)), random.normal(size=(4, 3))):
+        shares = random.uniform(0.5, 1.0, len(axes))
+        units = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        whole = float(eigh(np.einsum("k,ki,kj", shares, units, units), tensor)[0][-1])
+        for most, fits in ((0.9999, True), (1.0, False), (1.01, False)):
+            wheels = [
+                rb.ReactionWheel(name=f"w{k}", axis=tuple(axis), inertia=float(share) / whole * most)
+                for k, (axis, share) in enumerate(zip(axes, shares, strict=True))
+            ]
+            scene = rb.parse_scene(BODY + "wrenches: []")
+            rotor = rb.Rotor(wheels[0].axis, wheels[0].inertia, ((0.0, 1.0),))
+            text = [
+                f"{{type: reaction_wheel, name: {w.name}, axis: {list(w.axis)}, inertia: {w.inertia}}}" for w in wheels
+            ]
+            listed = f"{BODY}wrenches: []\nactuators: [{', '.join(text)}]"
+            if fits:
+                replace(scene, actuators=wheels)
+                rb.parse_scene(listed)
+                continue
+            names = " and ".join(wheel.name for wheel in wheels)
+            with pytest.raises(rb.SceneError, match=f"inertia of {names} is "):
+                replace(scene, actuators=wheels)
+            with pytest.raises(rb.SceneError, match=f":(5|6): actuators.*inertia of {names} is "):
+                rb.parse_scene(listed)
+            if len(wheels) > 1:
+                with pytest.raises(rb.SceneError, match="and a rotor is "):
+                    replace(scene, effects=[rotor], actuators=wheels[1:])
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_other_scenes_are_read_in_full(
     assert len(full) == 1
 
 
-@pytest.mark.parametrize("reason", ["inertia is 3e-05", "found nan"])
+@pytest.mark.parametrize("reason", ["inertia of x is 2.999", "found nan"])
 def test_what_no_run_can_have_is_refused_as_in_a_scene(tmp_path: Path, reason: str) -> None:
     """A wheel heavier than the body that it is in, and a rate that is no number."""
     few, rows = scenes(tmp_path)
