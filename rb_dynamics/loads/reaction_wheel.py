@@ -43,8 +43,8 @@ class ReactionWheel(Actuator):
     and friction on the wheel, whose reaction acts on the body (Hughes, Spacecraft Attitude Dynamics, section 3.4).
 
     The friction is f = -c sign W - v W; at rest it holds the wheel up to c. A commanded torque u is held until the next
-    command; at `max_speed` it is limited to the torque that holds that speed. A commanded speed is approached with
-    `max_torque`, and then held with the torque that this takes, up to `max_torque`.
+    command. A commanded speed is approached with `max_torque`, and then held with the torque that this takes, up to
+    `max_torque`. So is `max_speed`: where the body drives the wheel beyond it, the motor brakes with `max_torque`.
 
     Attributes:
         axis: body axes; its length does not matter.

@@ -266,6 +266,9 @@ def _free(c: Cells, a: int, low: float, high: float, sign: float) -> None:
     motor = c[a + COMMAND]
     if c[a + BY_SPEED] != 0.0:
         motor = -c[a + MOST_TORQUE] if low + high > 2.0 * c[a + COMMAND] else c[a + MOST_TORQUE]
+    # Where the body drives it beyond its largest speed, the motor slows it down.
+    if max(c[a + MOST_SPEED], c[a + MOST_TORQUE]) < math.inf and max(-low, high) == math.inf:
+        motor = -sign * c[a + MOST_TORQUE]
     c[a + HELD], c[a + MOTOR], c[a + FRICTION] = FREE, motor, -sign * c[a + COULOMB]
     c[a + LOW], c[a + HIGH] = low, high
     c[a + POINT] = c[a + LEFT] = math.nan
@@ -321,15 +324,15 @@ def _holding(c: Cells, a: int, spin_up: Vector, speed: float) -> Vector:
         least = most = math.copysign(c[a + MOST_TORQUE], command - point)
         if point == command:
             least, most = -c[a + MOST_TORQUE], c[a + MOST_TORQUE]
+    if point == c[a + MOST_SPEED]:
+        least = -c[a + MOST_TORQUE]
+    elif point == -c[a + MOST_SPEED]:
+        most = c[a + MOST_TORQUE]
     if point == 0.0:
         least, most = least - c[a + COULOMB], most + c[a + COULOMB]
     else:
         friction = -math.copysign(c[a + COULOMB], speed) - c[a + VISCOUS] * speed
         least, most = least + friction, most + friction
-    if point == c[a + MOST_SPEED]:
-        least = -math.inf
-    elif point == -c[a + MOST_SPEED]:
-        most = math.inf
     return needed, least, most
 
 

@@ -181,7 +181,8 @@ class Health:
         """Warn of each wheel while it is near its largest speed; return the wheels with their speeds (rad/s)."""
         found = list(zip(simulation.scene.wheels, simulation.sample.wheel_speeds or (), strict=False))
         for wheel, speed in found:
-            near = f"{wheel.name} is near its max_speed of {wheel.max_speed:g} rad/s, beyond which it gives no torque"
+            limit = f"max_speed of {wheel.max_speed:g} rad/s"
+            near = f"{wheel.name} is near its {limit}, beyond which its motor does not drive it"
             self.holds(f"speed of {wheel.name}", near if abs(speed) >= NEAR_LIMIT * wheel.max_speed else "")
         return found
 

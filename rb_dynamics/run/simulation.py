@@ -659,8 +659,8 @@ class Simulation:
         for wheel, speed in zip(wheels.wheels, speeds, strict=True):
             if abs(speed) >= NEAR_LIMIT * wheel.max_speed and (wheel.name, "full") not in self._remarks:
                 self._remarks[wheel.name, "full"] = (
-                    f"{wheel.name} was near its max_speed of {wheel.max_speed:g} rad/s at {at}, beyond which it gives "
-                    "no torque"
+                    f"{wheel.name} was near its max_speed of {wheel.max_speed:g} rad/s at {at}, beyond which its "
+                    "motor does not drive it"
                 )
             if abs(speed) * step > RESOLVED and not wheel.is_balanced and (wheel.name, "step") not in self._remarks:
                 self._remarks[wheel.name, "step"] = (

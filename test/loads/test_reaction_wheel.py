@@ -334,6 +334,32 @@ output_rate: 10
     assert np.abs(sink.energy_defect).max() < 1e-11
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("command", "value"), [("torque", 0.005), ("speed", 10.0)])
+def test_a_body_drives_a_wheel_beyond_its_largest_speed(command: str, value: float, sign: float) -> None:
+    """About one axis, N = I w' + J W' and J (W' + w') = u - c: at the limit the motor gives `max_torque` at most."""
+    text = f"""
+body: {{mass: 1, inertia: {{diagonal: [1, 1, 1]}}}}
+wrenches: [{{topic: wrench}}]
+actuators:
+  - {{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.1, command: {command}, max_torque: 0.01,
+     max_speed: 10, speed: {10.0 * sign}, friction: {{coulomb: 1.0e-3}}}}
+duration: 12
+output_rate: 1
+"""
+    # What motor and friction can hold together, then more, then nothing.
+    pushes = [(0, -0.1), (1, -1.0), (2, 0.0)]
+    wrenches = [("wrench", rb.Wrench((0.0, 0.0, 0.0), (0.0, 0.0, sign * n), stamp_ns=at * 10**9)) for at, n in pushes]
+    sink = flown(text, [("wheel/command", Setpoint(sign * value)), *wrenches])
+    # I w' = N - J W', so that (I - J) W' = I (u - c) / J - N.
+    braking = (-0.011 / 0.1 - np.array([-1.0, 0.0])) / 0.9
+    beyond = 10.0 + braking[0] + braking[1] * np.arange(11)
+    expected = [10.0, *np.maximum(beyond, 10.0)]
+    assert sign * sink.wheel_speeds[:, 0] == pytest.approx(np.array([10.0, *expected]), abs=1e-9)
+    assert np.abs(sink.energy_defect).max() < 1e-13
+    assert np.abs(sink.angular_momentum_defect_world).max() < 1e-14
+
+
 def test_limits_commanded_speeds_and_reversals_close_their_books() -> None:
     sink = flown(THREE, COMMANDS)
     x, y, z = sink.wheel_speeds.T

@@ -695,7 +695,7 @@ def test_commands_slower_than_the_body_turns_and_a_wheel_near_its_limit_are_told
     (slow,) = (message for message in said if "turns by" in message)
     assert slow.startswith("wrench: the body turns by 0.6 rad from one command to the next")
     assert [message for message in said if "max_speed" in message] == [
-        "wheel is near its max_speed of 100 rad/s, beyond which it gives no torque"
+        "wheel is near its max_speed of 100 rad/s, beyond which its motor does not drive it"
     ]
 
 

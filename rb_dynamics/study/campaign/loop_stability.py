@@ -205,8 +205,8 @@ def _actuator_limits(campaign: Campaign, flight: _TrialFlight) -> list[str]:
     """Return warnings about limits that actuators meet in run 0."""
     speeds = {wheel.name: wheel.max_speed for wheel in Scenes(campaign).base.wheels}
     found = [
-        f"{name} comes near its max_speed of {speeds[name]:g} rad/s in run 0, at {at:g} s, beyond which it gives no "
-        "torque; unload its momentum by other means, or raise max_speed"
+        f"{name} comes near its max_speed of {speeds[name]:g} rad/s in run 0, at {at:g} s, beyond which its "
+        "motor does not drive it; unload its momentum by other means, or raise max_speed"
         for name, at in flight.full.items()
     ]
     if flight.rejected:
