@@ -33,6 +33,9 @@ NEAR_LIMIT = 0.95
 # then less than 1e-9 of what is left.
 _LEFT_OVER = 1e-6
 
+# The rate (1/s) of viscous friction up to which steps of some nanoseconds resolve it.
+_FASTEST_SLOWING = 1e8
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReactionWheel(Actuator):
@@ -165,8 +168,19 @@ class ReactionWheel(Actuator):
         return self.static_imbalance == 0.0 == self.dynamic_imbalance
 
     def check(self, body: RigidBody) -> None:
-        """Check that the wheel can be a part of `body`; see `require_contained`."""
+        """Check that the wheel can be a part of `body`; see `require_contained`.
+
+        Raises:
+            SceneError: it cannot, or its friction is too strong for times in whole nanoseconds.
+        """
         require_contained([self], body)
+        free = self._free_inertia(body)
+        if self.viscous > _FASTEST_SLOWING * free or self.coulomb > FASTEST * free:
+            raise SceneError(
+                f"reaction_wheel: friction of {self.name} is {self.coulomb:g} N m (coulomb) and {self.viscous:g} N m "
+                f"s/rad (viscous), expected at most {FASTEST * free:.3g} and {_FASTEST_SLOWING * free:.3g}: beyond, it "
+                "would stop the wheel within nanoseconds, the unit of time; correct it, or leave out the wheel"
+            )
 
     def axis_in(self, body: RigidBody) -> Vector:
         """Return the unit vector of the axis in principal axes."""
@@ -175,9 +189,13 @@ class ReactionWheel(Actuator):
 
     def friction_rate(self, body: RigidBody) -> float:
         """Return the rate (1/s) at which viscous friction slows the free wheel in a free body."""
+        return self.viscous / self._free_inertia(body)
+
+    def _free_inertia(self, body: RigidBody) -> float:
+        """Return the inertia of the free wheel in a free body: W' is the torque between the two over it."""
         axis, moments = self.axis_in(body), body.principal_moments
-        # J (W' + a . w') = -v W, and (I - J a a^T) w' = v W a.
-        return self.viscous / (self.inertia * (1.0 - self.inertia * dot(axis, divide(axis, moments))))
+        # J (W' + a . w') = u, and (I - J a a^T) w' = -u a.
+        return self.inertia * (1.0 - self.inertia * dot(axis, divide(axis, moments)))
 
     def spin_up(self, value: float) -> float:
         """Return the angular acceleration (rad/s^2) that the motor gives the wheel at most under a command."""

@@ -103,7 +103,8 @@ def no_rotation(name: str, h: float, square: float, rate: float) -> Increment:
     """
     raise ConvergenceError(
         f"{name}: after a step of {h:g} s the quaternion has norm {square**0.5:.3g}, expected about 1; "
-        f"the body turns too far in one step at {rate:.3g} rad/s: use a shorter step"
+        f"the body turns too far in one step, from {rate:.3g} rad/s on: use a shorter step, or check the size of the "
+        "wrench, of the effects and of the friction of wheels"
     )
 
 

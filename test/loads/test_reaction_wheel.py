@@ -441,6 +441,8 @@ output_rate: 1
         ("command: torque", "command: level"),
         ("speed: 50.0", "speed: 700.0"),
         ("coulomb: 1.0e-5", "coulomb: -1.0e-5"),
+        ("coulomb: 1.0e-5", "coulomb: 1.0e+10"),
+        ("viscous: 1.0e-7", "viscous: 1.0e+5"),
         ("{coulomb: 1.0e-5, viscous", "{coulob: 1.0e-5, viscous"),
         ("command: speed, max_torque: 5.0e-3,", "command: speed,"),
         ("duration: 40", "duration: 40\nsolver: {method: rk4}"),
