@@ -58,8 +58,8 @@ class ActuatorBank:
         # belongs.
         self._values = [0.0] * len(self._actuators)
         self._opened = [0] * len(self._actuators)
-        # Thrusters whose force rises or falls: the transient, and the level from which it started.
-        self._ramps: dict[int, tuple[Transient, float]] = {}
+        # Thrusters whose force rises or falls: the transient, and the levels between which it goes.
+        self._ramps: dict[int, tuple[Transient, tuple[float, float]]] = {}
         wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
         self.wheels = WheelSet(wheels, body) if wheels else None
         self._wheel = {wheel.topic: (k, wheel) for k, wheel in enumerate(wheels)}
@@ -202,10 +202,13 @@ class ActuatorBank:
         was = self._level(k, edge.time_ns)
         self._values[k] = value
         self._ramps.pop(k, None)
-        if length_ns := nanoseconds(actuator.way(value - was)):
-            before, after = (actuator.held(self._frames, level) for level in (was, value))
-            ramp = Transient(before, after, edge.time_ns, length_ns / NANOSECONDS, is_linear=True)
-            self._ramps[k] = ramp, was
+        way = actuator.way(value - was)
+        if length_ns := nanoseconds(way):
+            length = length_ns / NANOSECONDS
+            # It ends on a whole nanosecond, at the level that keeps its impulse.
+            levels = was, value + (value - was) * (1.0 - way / length)
+            before, after = (actuator.held(self._frames, level) for level in levels)
+            self._ramps[k] = Transient(before, after, edge.time_ns, length, is_linear=True), levels
         return [self._applied(k, edge.time_ns)]
 
     def _level(self, k: int, now_ns: int) -> float:
@@ -213,8 +216,8 @@ class ActuatorBank:
         value = self._values[k]
         if k not in self._ramps:
             return value
-        ramp, was = self._ramps[k]
-        return was + (value - was) * ((now_ns - ramp.since_ns) / NANOSECONDS / ramp.length)
+        ramp, (was, end) = self._ramps[k]
+        return was + (end - was) * ((now_ns - ramp.since_ns) / NANOSECONDS / ramp.length)
 
     def _applied(self, k: int, now_ns: int) -> AppliedWrench:
         thruster = self._actuators[k]

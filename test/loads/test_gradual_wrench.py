@@ -157,6 +157,15 @@ class TestRiseAndFall:
         assert run.sample.linear_momentum_world[0] == pytest.approx(0.5 * (whole + short + twice), rel=1e-14)
         assert run.sample.energy_defect == pytest.approx(0.0, abs=1e-18)
 
+    def test_the_impulse_is_exact_where_a_ramp_would_end_between_nanoseconds(self) -> None:
+        scene = rb.parse_scene(JET.replace("COMMAND", "level"), overrides={"duration": 4.0})
+        # The third goes down for a millisecond, by 0.1, until the last replaces it.
+        commands = [(1.0, 1.0 / 7.0), (2.0, 2.0 / 3.0), (3.0, 0.1), (3.001, 0.9)]
+        run = rb.simulate(scene, [("jet/command", Setpoint(to, round(at * 1e9))) for at, to in commands])
+        lasting = [1.0 / 7.0, 2.0 / 3.0, 0.001 * (2.0 / 3.0 - 0.05), 0.998 * 0.9]
+        rising = [-0.5 * 0.004 * step * step for step in (1.0 / 7.0, 11.0 / 21.0, 1.0 / 3.0)]
+        assert run.sample.linear_momentum_world[0] == pytest.approx(0.5 * math.fsum(lasting + rising), abs=2e-15)
+
     def test_edges_fall_on_their_nanosecond_and_the_log_shows_what_acts(self, tmp_path: Path) -> None:
         shorter: dict[str, object] = {"duration": 0.2, "output_rate": 1000.0}
         scene = rb.parse_scene(JET.replace("COMMAND", "level"), overrides=shorter)
