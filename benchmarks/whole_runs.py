@@ -6,14 +6,13 @@
 The commands are those of the problem "driven" of `compare.py`: force and torque in body axes on one topic, a force in
 world axes on another, each 10 000 times in 100 s. Times are processor time of processes, start of Python and imports
 included, run in turn (A B C A B C); medians. Beside them is what heyoka and MuJoCo take for the integration alone,
-where they are installed.
+where they are installed. Then come an hour of commands, with its memory, and the rates at which logs are written.
 """
 
 from __future__ import annotations
 
 import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from importlib import metadata
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 from compare import ladder, started
 from peers.problem import Problem, problem
 from peers.reference import reference
@@ -32,11 +32,16 @@ from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.output_file import OutputFile
+from rb_dynamics.logs.messages import SAMPLE_TOPICS
 from rb_dynamics.numerics.compilation import available
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "whole-runs.md"
 TURNS = 7
+HOUR, PART = 3600, 360
+SAMPLES = 100_000
+ROWS = 19
+"""Of one output in Rerun, each an entity at a time."""
 PLAIN = "simulate SCENE --wrench BAG"
 COMMANDS = {
     PLAIN: ["simulate", "scene.yaml", "--wrench", "bag.mcap"],
@@ -48,38 +53,45 @@ COMMANDS = {
 }
 
 
-def write_inputs(task: Problem, folder: Path) -> None:
-    """Write a problem as a scene and a bag."""
+def write_inputs(task: Problem, folder: Path, rate: int = 100, topics: tuple[str, ...] = ("thrusters", "wind")) -> None:
+    """Write a problem as a scene and a bag; without the topic `wind`, no force in world axes acts."""
     (folder / "scene.yaml").write_text(
         f"body: {{mass: {task.mass}, inertia: {{matrix: {task.inertia.tolist()}}}}}\n"
         f"initial: {{linear_velocity_world: {list(task.linear_velocity_world)}, "
         f"angular_velocity_body: {task.angular_velocities[0].tolist()}}}\n"
-        "wrenches: [{topic: thrusters}, {topic: wind}]\n"
-        f"solver: {{method: auto, accuracy: {task.wanted!r}}}\nduration: {task.duration!r}\noutput_rate: 100\n"
+        f"wrenches: [{', '.join(f'{{topic: {name}}}' for name in topics)}]\n"
+        f"solver: {{method: auto, accuracy: {task.wanted!r}}}\nduration: {task.duration!r}\noutput_rate: {rate}\n"
     )
     file = OutputFile(folder / "bag.mcap")
     writer = McapWriter(file, "benchmark")
     writer.begin()
-    channels = [log_channel(f"/{name}", WRENCH, qos_profile(10)) for name in ("thrusters", "wind")]
+    channels = [log_channel(f"/{name}", WRENCH, qos_profile(10)) for name in topics]
     ids = [writer.add_channel(channel) for channel in channels]
     for k in range(task.holds):
         time_ns = round(k * task.hold * 1e9)
         in_body = cdr.encode(WRENCH, time_ns, "body", (*task.force_body[k], *task.torque_body[k]))
         in_world = cdr.encode(WRENCH, time_ns, "world", (*task.force_world[k], 0.0, 0.0, 0.0))
-        writer.add_messages(ids, (in_body, in_world), time_ns, time_ns)
+        writer.add_messages(ids, (in_body, in_world)[: len(ids)], time_ns, time_ns)
     writer.finish()
     file.close()
 
 
 def spent(arguments: list[str], folder: Path, **environment: str) -> float:
     """Return the processor time (s) of the command line, in a process of its own."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used(arguments, folder, **environment)[0]
+
+
+def used(arguments: list[str], folder: Path, **environment: str) -> tuple[float, float]:
+    """Return processor time (s) and peak memory (MB) of the command line, in a process of its own."""
     command = [sys.executable, "-m", "rb_dynamics", *arguments]
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     around = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "", **environment}
-    subprocess.run(command, cwd=folder, env=around, capture_output=True, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    with subprocess.Popen(command, cwd=folder, env=around, stdout=subprocess.DEVNULL) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000.0
 
 
 def measured(folder: Path, turns: int) -> dict[str, list[float]]:
@@ -95,6 +107,37 @@ def measured(folder: Path, turns: int) -> dict[str, list[float]]:
     with tempfile.TemporaryDirectory() as fresh:
         found["the same, the first run ever"] = [spent(COMMANDS[PLAIN], folder, XDG_CACHE_HOME=fresh)]
     return found
+
+
+def long_runs(task: Problem, folder: Path) -> list[tuple[str, str, str, str]]:
+    """Return the rows of commands at 100 Hz with a log: simulated time, time taken, ratio to real time, memory."""
+    found = []
+    for seconds in (PART, HOUR):
+        of_times = np.arange(100 * seconds) % task.holds
+        wrenches = {name: getattr(task, name)[of_times] for name in ("force_body", "torque_body", "force_world")}
+        for rate in (1, 100):
+            write_inputs(replace(task, duration=float(seconds), wanted=1e-6, **wrenches), folder, rate, ("thrusters",))
+            taken, memory = used(COMMANDS["the same, `--mcap`"], folder)
+            cells = f"{taken:.2f} s", f"{seconds / taken:,.0f}", f"{memory:.0f} MB"
+            found.append((f"{seconds} s, {rate} outputs a second", *cells))
+    return found
+
+
+def log_rates(folder: Path) -> list[tuple[str, str, str]]:
+    """Return log, time of an output with it, and messages or rows a second beyond what there is without a log."""
+    arguments = ["simulate", str(ROOT / "config" / "dzhanibekov.yaml"), "--set", f"output_rate={SAMPLES / 100}"]
+    logs = {"": [], "MCAP": ["--mcap", "run.mcap"], "Rerun": ["--rerun", "run.rrd"]}
+    few = [*arguments[:-1], "output_rate=1"]
+    taken: dict[str, list[float]] = {name: [] for name in logs}
+    for _ in range(TURNS):
+        for name, log in logs.items():
+            taken[name].append(spent([*arguments, *log], folder) - spent([*few, *log], folder))
+    each = {name: median(times) / SAMPLES for name, times in taken.items()}
+    parts = {"MCAP": (len(SAMPLE_TOPICS), "messages"), "Rerun": (ROWS, "rows")}
+    return [
+        (name, f"{1e6 * each[name]:.1f} us", f"{count / (each[name] - each['']):,.0f} {unit}/s")
+        for name, (count, unit) in parts.items()
+    ]
 
 
 def peers(task: Problem) -> dict[str, float]:
@@ -119,7 +162,12 @@ def rows(found: dict[str, list[float]]) -> list[tuple[str, str, str]]:
     return lines
 
 
-def page(found: dict[str, list[float]], others: dict[str, float]) -> str:
+def page(
+    found: dict[str, list[float]],
+    others: dict[str, float],
+    long: list[tuple[str, str, str, str]],
+    logs: list[tuple[str, str, str]],
+) -> str:
     """Return the page."""
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba") if _is_there(name))
     text = (
@@ -136,7 +184,16 @@ def page(found: dict[str, list[float]], others: dict[str, float]) -> str:
     if others:
         listed = ", ".join(f"{name} {1e3 * seconds:.0f} ms" for name, seconds in others.items())
         text += f"\nOther programs, for the integration alone, without scene, bag and outputs: {listed}.\n"
-    return text
+    text += (
+        "\n## An hour of commands\n\nThe same forces and torques in body axes again and again, 100 a second, to 1e-6 "
+        "rad: `simulate SCENE --wrench BAG --mcap LOG`, one run each. Memory is the peak of the process.\n\n"
+    )
+    text += table(["simulated", "processor time", "times real time", "memory"], long)
+    text += (
+        f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole command, "
+        "and the rate beyond that of the same command without a log.\n\n"
+    )
+    return text + table(["log", "an output", "rate"], logs)
 
 
 def _is_there(name: str) -> bool:
@@ -156,10 +213,12 @@ def main(arguments: list[str]) -> None:
     with tempfile.TemporaryDirectory() as name:
         write_inputs(task, Path(name))
         found = measured(Path(name), 1 if quick else TURNS)
-    text = page(found, {} if quick else peers(task))
+        if quick:
+            print(table(["command", "processor time", "ratio"], rows(found)))
+            return
+        text = page(found, peers(task), long_runs(task, Path(name)), log_rates(Path(name)))
     print(text)
-    if not quick:
-        PAGE.write_text(text, encoding="utf-8")
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
