@@ -190,8 +190,8 @@ def page(
     )
     text += table(["simulated", "processor time", "times real time", "memory"], long)
     text += (
-        f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole command, "
-        "and the rate beyond that of the same command without a log.\n\n"
+        f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole "
+        "command, and the rate beyond that of the same command without a log.\n\n"
     )
     return text + table(["log", "an output", "rate"], logs)
 
