@@ -100,19 +100,21 @@ def log_time_of_zero(track: Track) -> int:
 def remarks(track: Track) -> list[str]:
     """Return remarks on the clocks for the reader."""
     found, told = clocks(track), []
+    bare = ", ".join(each.topic for each in found if not each.stamped)
+    stamps = f"Times here are those of the stamps{f'; {bare}, without stamps, goes by log times' if bare else ''}."
     for each in found:
         if each.drift is not None:
             told.append(
                 f"The log times of {each.topic} drift against its stamps, by {each.range_s:.3g} s "
                 f"({100.0 * each.drift:.2g} %): they come from two clocks, one of which may be that of a simulation. "
-                "Times here are those of the stamps."
+                + stamps
             )
         elif each.range_s > 0.0:
             at = float(track.seconds(np.array(each.jump_ns, dtype=np.int64)))
             told.append(
                 f"Log times and stamps of {each.topic} do not run alike: their difference changes by "
                 f"{each.range_s:.3g} s, by {each.jump_s:+.3g} s at once at t = {at:.6g} s: a clock was set, or a "
-                "computer stood still. Times here are those of the stamps."
+                f"computer stood still. {stamps}"
             )
     if not found:
         return told

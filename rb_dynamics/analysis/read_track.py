@@ -44,7 +44,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.stamp_clock import ClockLine, StampClock, in_bursts
-from rb_dynamics.logs.topics_of_channels import of_one_body
+from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
@@ -573,11 +573,25 @@ class _TrackReader:
         used = [name for name in moving if name in self.uses]
         motion = self.choice.near or next(iter(used), "")
         names = [channel.topic for channel in self.scene.channels] if self.scene else []
-        kept, self.doubt = of_one_body(topics, names, motion, [name for name in moving if name not in self.uses])
-        if others := [topic for topic in topics if topic not in kept]:
+        # An IMU or a twist of another name may be that of the same body, in the namespace of what measures it.
+        bodies = [
+            name
+            for name in moving
+            if name not in self.uses
+            and (self.bag.topics[name].type_name in POSES or name.rpartition("/")[2] == motion.rpartition("/")[2])
+        ]
+        kept, self.doubt = of_one_body(topics, names, motion, bodies)
+        foreign = [topic for topic in foreign_to(motion, kept) if topic.lstrip("/") not in names]
+        if foreign and not self.doubt:
             self.notes.append(
-                f"Of the wrenches, {', '.join(kept)} are taken, which are nearest to {motion}, and not those of other "
-                f"bodies ({', '.join(others)}); --wrench-topic chooses others."
+                f"{', '.join(foreign)}: taken for wrenches on the body of {motion}, in another namespace; "
+                "--wrench-topic chooses others."
+            )
+        if others := [topic for topic in topics if topic not in kept]:
+            why = "" if self.doubt else f", by their names and namespaces those of the body of {motion}"
+            self.notes.append(
+                f"Of the wrenches, {', '.join(kept)} are taken{why}, and not {', '.join(others)}; --wrench-topic "
+                "chooses others."
             )
         return kept
 
@@ -609,7 +623,8 @@ class _TrackReader:
             doubt = which_channel(told, self.scene)
         joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
         return "; ".join(
-            [f"{each} (choose it with --wrench-topic TOPIC=CHANNEL)" for each in (self.doubt, doubt) if each]
+            [self.doubt] * bool(self.doubt)
+            + [f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt)
             + [f"the scene has {', '.join(found)}"] * bool(found)
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )
@@ -632,13 +647,13 @@ class _TrackReader:
         if standing(stamps):
             return ClockLine()
         line = StampClock.of(self.bag.topics[stamped].log_times, stamps).line
-        if line.drift == 0.0 and abs(line.behind_ns) <= APART * 1e9:
-            return ClockLine()
         if not line.straight and source.type_name in WRENCHES:
             self.doubt = self.doubt or (
                 f"cannot tell when {topic} acted, which has no stamps: log times leave a line against the stamps of "
-                f"{stamped} by {line.error_s:.3g} s"
+                f"{stamped} by {line.error_s:.3g} s; record by the clock of the stamps, or commands with stamps"
             )
+        if line.drift == 0.0 and abs(line.behind_ns) <= APART * 1e9:
+            return ClockLine()
         offset = line.behind_ns / 1e9
         rate = f", at first, and {1.0 / (1.0 - line.drift):.6g} times as slowly" if line.drift else ""
         self.notes.append(

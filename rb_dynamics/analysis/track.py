@@ -191,7 +191,7 @@ class Track:
         acted: whether `wrenches` are known to be complete.
         by_scene: what acts of commands by a scene, and what the scene itself holds; None without a scene.
         unrecorded: what moved the body beside them, as text; "" if nothing is known to.
-        doubt: why it cannot be told which wrenches are the body's; "" if it can.
+        doubt: why it cannot be told which wrenches are the body's or when they acted, and the remedy; "" if it can.
         body: mass properties.
         body_from: source of the mass properties; "" without.
         notes: remarks on the data for the reader.

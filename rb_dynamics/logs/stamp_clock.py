@@ -17,8 +17,9 @@ APART_NS = 100_000_000
 _MOST = 4096
 # A drift is told from at least so many messages, over so many s, if it is so many times what is left or so many s.
 _LEAST, _SHORTEST, _ABOVE, _SMALLEST = 8, 1.0, 4.0, 1e-3
-# In each of so many parts of the time, the least delay is on the line within these bounds, s: about a sample.
-_PARTS, _FINEST, _COARSEST = 16, 0.02, 0.1
+# Over every second, but at most this part of the time, and so many messages, but at most this part of them, the least
+# delay is on the line within these bounds, s: about a sample.
+_PARTS, _WINDOW, _IN_WINDOW, _FINEST, _COARSEST = 32, 1.0, 8, 0.02, 0.1
 # Messages come in bursts if of so many intervals more than half are shorter than this (ns) and this part of the mean.
 _FEW, _AT_ONCE_NS, _PART = 8, 1_000_000, 0.1
 
@@ -31,7 +32,7 @@ class ClockLine:
         begin_ns: a log time.
         behind_ns: by how much it is later than its stamp.
         drift: how much this changes, s/s.
-        error_s: by how much the least delay leaves the line, in the worst part of the time.
+        error_s: by how much the least delay leaves the line, in the worst second.
         straight: whether that is no more than jitter.
         count: of messages.
     """
@@ -97,10 +98,12 @@ class StampClock:
         points = self._points[np.lexsort(self._points.T[::-1])]
         begin_ns, least_ns = int(points[0, 0]), int(points[:, 1].min())
         at, late = (points - (begin_ns, least_ns)).T * 1e-9
-        part = np.minimum(at * _PARTS / max(at[-1], 1e-9), _PARTS - 1).astype(int)
+        # If a clock is set back, messages from before lie among those from after, unless in the order of the other.
+        windows = [(order, _windows(at[order], self.count)) for order in (slice(None), np.argsort(at - late))]
 
         def lowest(heights: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.array([heights[part == number].min() for number in np.unique(part)])
+            least = (np.minimum.reduceat(np.append(heights[order], 0.0), ends)[::2] for order, ends in windows)
+            return np.concatenate([*least])
 
         interval = abs(float((at[-1] - at[0]) - (late[-1] - late[0]))) / max(self.count - 1, 1)
         jitter = min(max(interval, _FINEST), _COARSEST)
@@ -124,6 +127,18 @@ def in_bursts(topic: str, log_times: Times) -> str:
         f"{topic} has no stamps and was recorded in bursts, up to {float(steps.max()) * 1e-9:.3g} s apart: its "
         "messages may have been sent that much earlier"
     )
+
+
+def _windows(at: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return where windows from each point on begin and end, in turns; those that go on after the last point are none.
+
+    A window that begins within a burst holds the rest of it, with the least delay.
+    """
+    newest, points = np.maximum.accumulate(at), np.arange(len(at))
+    width = max(1, min(len(at) // _PARTS, _IN_WINDOW * len(at) // count))
+    end = np.searchsorted(newest, newest + min(_WINDOW, at.max() / _PARTS)) + 1
+    windows = np.column_stack([points, np.maximum(end, points + width)])
+    return windows[windows[:, 1] <= len(at)].ravel()
 
 
 def _edge(at: list[float], late: list[float], middle: float) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -50,27 +50,48 @@ def of_one_body(
     """Return the topics that command the body whose motion is on `motion`, and why that cannot be told; "" if it can.
 
     Of topics of one name in several namespaces, the channel's own is the body's, else that whose namespace is nearest
-    to that of the motion, unless a motion of another body, one of `others`, is nearer still.
+    to that of the motion, unless another topic or a motion of another body, one of `others`, is nearer still. Bodies
+    whose motions are a_pose and b_pose are in the namespaces a and b.
     """
     channels = sorted((name.removeprefix("/") for name in names), key=len, reverse=True)
+    last = motion.rpartition("/")[2].rpartition("_")[2]
+    bodies = [
+        each.removesuffix(last)
+        for each in (motion, *others)
+        if motion.endswith(f"_{last}") and each.endswith(f"_{last}")
+    ]
+
+    def levels(topic: str) -> str:
+        body = next((each for each in bodies if topic.startswith(each)), "")
+        return f"{body[:-1]}/{topic.removeprefix(body)}" if body else topic
+
+    def near(topic: str, other: str) -> int:
+        return _shared(levels(topic), levels(other))
+
     alike: dict[str, list[str]] = defaultdict(list)
     for topic in topics:
-        plain = topic.removesuffix(APPLIED)
+        plain = levels(topic).removesuffix(APPLIED)
         fitting = (name for name in channels if f"/{plain}".endswith(f"/{name}"))
         alike[next(fitting, plain.rpartition("/")[2])].append(topic)
     kept, doubts = list[str](), list[str]()
     for name, group in alike.items():
 
         def rank(topic: str, name: str = name) -> tuple[bool, int]:
-            return topic.removesuffix(APPLIED).removeprefix("/") == name in channels, _shared(topic, motion)
+            return topic.removesuffix(APPLIED).removeprefix("/") == name in channels, near(topic, motion)
 
         best = [topic for topic in group if rank(topic) == max(map(rank, group))]
-        siblings = [each for each in others if each.rpartition("/")[2] == motion.rpartition("/")[2]]
-        foreign = [topic for topic in best if any(_shared(topic, each) > _shared(topic, motion) for each in siblings)]
+        foreign = [topic for topic in best if any(near(topic, each) > near(topic, motion) for each in others)]
+        nearer = [topic for topic in group if near(topic, motion) > near(best[0], motion)]
         kept += best
-        if len(best) > 1 or foreign:
-            doubts.append(f"cannot tell whether {' or '.join(best)} commands the body of {motion or 'the scene'}")
-    return kept, "; ".join(doubts)
+        if len(best) > 1 or foreign or nearer:
+            either = " or ".join(best + nearer)
+            doubts.append(f"cannot tell whether {either} commands the body of {motion or 'the scene'}")
+    return kept, "; ".join([*doubts, "choose it with --wrench-topic TOPIC=CHANNEL"] if doubts else [])
+
+
+def foreign_to(motion: str, topics: Iterable[str]) -> list[str]:
+    """Return those of `topics` whose namespace has nothing in common with that of the motion."""
+    return [each for each in topics if "/" in motion[1:] and "/" in each[1:] and not _shared(each, motion)]
 
 
 def _shared(topic: str, other: str) -> int:

@@ -188,10 +188,32 @@ def test_commands_without_stamps_follow_log_times_of_another_rate_or_are_not_jud
     assert found.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
     part = inspect(logged("half.mcap", lambda at: 10**18 + 2 * at), scene, window_s=(2.0, 5.0))
     assert part.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
-    jumps = logged("jumps.mcap", lambda at: 10**18 + at + 5 * SECOND * (at > 3 * SECOND))
-    assert not verdict(inspect(jumps, scene))[0]
-    with pytest.raises(LogError, match="cannot tell when /wrench acted, which has no stamps"):
-        read_flight(str(jumps), scene)
+    for zero_ns in (0, 10**18):
+        jumps = logged("jumps.mcap", lambda at, zero_ns=zero_ns: zero_ns + at + 5 * SECOND * (at > 3 * SECOND))
+        told = inspect(jumps, scene)
+        assert not verdict(told)[0]
+        assert any("stamps; /wrench, without stamps, goes by log times." in each for each in told.summary.warnings)
+        with pytest.raises(LogError, match=r"cannot tell when /wrench acted, which has no stamps") as raised:
+            read_flight(str(jumps), scene)
+        assert "commands with stamps" in str(raised.value)
+        assert "--wrench-topic" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("other", "sure"), [("/a/imu", True), ("/a/truth", False)])
+def test_a_wrench_of_another_namespace_is_taken_with_a_note_unless_a_pose_is_there(
+    other: str, sure: bool, tmp_path: Path
+) -> None:
+    """Those of another body were taken without a word; an IMU may be the body's own."""
+    rest, kind = "wrenches: [{topic: wrench}]", "sensor_msgs/msg/Imu"
+    bag = renamed(flown(tmp_path, rest, COMMANDS), "/a/wrench")
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    rows = [("/b/odom" if row[0] == "/odom" else row[0], *row[1:]) for row in rows]
+    imu = cdr.encode(kind, SECOND, "imu", *(np.zeros(count) for count in (4, 9, 3, 9, 3, 9)))
+    rows += [(other, kind, SECOND, imu)] if sure else [(other, *row[1:]) for row in rows if row[0] == "/b/odom"]
+    found = inspect(write_rows(tmp_path / "two.mcap", rows), parse_scene(SCENE.format(zz=0.38, rest=rest)))
+    assert verdict(found) == (sure, True)
+    told = "/a/wrench: taken for wrenches on the body of /b/odom, in another namespace; --wrench-topic chooses others."
+    assert (told in found.track.notes) == sure
 
 
 def test_a_frame_that_the_scene_does_not_have_is_to_be_declared_there(tmp_path: Path) -> None:

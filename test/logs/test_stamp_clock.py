@@ -20,6 +20,10 @@ LOGGED: dict[str, Callable[[Times], Times]] = {
     "bursts": lambda sent: sent + -sent % (2 * SECOND),
     "one early": lambda sent: sent - np.where(np.arange(len(STAMPS)) == 700, 5 * SECOND, 0),
     "jump": lambda sent: sent + np.where(STAMPS > 30 * SECOND, 5 * SECOND, 0),
+    "jump near the end": lambda sent: sent + np.where(STAMPS > 61.5 * SECOND, 3 * SECOND // 10, 0),
+    "jump near the begin": lambda sent: sent + np.where(STAMPS > 7 * SECOND, 5 * SECOND, 0),
+    "log clock set back": lambda sent: sent - np.where(STAMPS > 8 * SECOND, 3 * SECOND, 0),
+    "stamps set back": lambda sent: sent + np.where(STAMPS < 8 * SECOND, np.ptp(sent) - 3 * SECOND, 0),
     "uneven rate": lambda sent: sent + (0.3 * SECOND * np.sin(STAMPS / 20e9)).astype(np.int64),
 }
 

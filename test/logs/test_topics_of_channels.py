@@ -47,7 +47,11 @@ def test_what_is_chosen_counts_before_the_name() -> None:
         (["/wrench", "/b/wrench"], ["wrench"], "/pose", [], ["/wrench"], True),
         (["/a/wrench", "/a/push"], [], "/b/pose", [], ["/a/wrench", "/a/push"], True),
         (["/a/wrench"], ["wrench"], "/b/pose", ["/a/pose"], ["/a/wrench"], False),
-        (["/a/wrench"], ["wrench"], "/b/pose", ["/a/imu"], ["/a/wrench"], True),
+        (["/a/wrench"], ["wrench"], "/b/pose", ["/a/truth"], ["/a/wrench"], False),
+        (["/wrench", "/b/wrench"], ["wrench"], "/b/pose", [], ["/wrench"], False),
+        (["/a_wrench", "/b_wrench"], ["wrench"], "/b_pose", ["/a_pose"], ["/b_wrench"], True),
+        (["/a_wrench"], ["wrench"], "/b_pose", ["/a_pose"], ["/a_wrench"], False),
+        (["/left_wrench", "/right_wrench"], [], "/b_pose", [], ["/left_wrench", "/right_wrench"], True),
         (["/a/w/applied", "/b/w/applied"], [], "/a/pose", [], ["/a/w/applied"], True),
     ],
 )

@@ -326,8 +326,10 @@ def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, not
     # A log of this package also contains what effects of the scene did, in any namespace.
     acting = [wrench for wrench in track.wrenches if "/effects/" not in f"/{wrench.topic}"]
     taken = {wrench.topic: wrench.channel for wrench in acting if not wrench.topic.endswith(APPLIED)}
-    if doubt := which_channel(taken, scene) or track.doubt:
+    if doubt := which_channel(taken, scene):
         raise LogError(f"{path}: {doubt}; choose it with --wrench-topic TOPIC=CHANNEL")
+    if track.doubt:
+        raise LogError(f"{path}: {track.doubt}")
     found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
     return [_channel(wrench, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
 
