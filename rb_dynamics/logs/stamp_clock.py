@@ -15,6 +15,8 @@ APART_NS = 100_000_000
 """Log times are of one clock with the stamps if all are within a delay of this; ns."""
 # Points that are kept; of two neighbours, the one with the less delay.
 _MOST = 4096
+# A delay that changes by more than so much per s was not recorded by one clock.
+_FASTEST = 10
 # A drift is told from at least so many messages, over so many s, if it is so many times what is left or so many s.
 _LEAST, _SHORTEST, _ABOVE, _SMALLEST = 8, 1.0, 4.0, 1e-3
 # Over every second, but at most this part of the time, and so many messages, but at most this part of them, the least
@@ -81,7 +83,13 @@ class StampClock:
         points = np.concatenate([self._points, np.column_stack([log_times, log_times - stamps])])
         while len(points) > _MOST:
             pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 2)
-            points = np.concatenate([pairs[range(len(pairs)), pairs[:, :, 1].argmin(axis=1)], points[2 * len(pairs) :]])
+            # From before and after a clock was set back, they are kept both, be they more.
+            logged, late = np.ptp(pairs, axis=1).T
+            apart = late > APART_NS + _FASTEST * logged
+            if apart.mean() > 0.5:
+                break
+            kept = apart[:, None] | (pairs[:, :, 1].argmin(axis=1)[:, None] == range(2))
+            points = np.concatenate([pairs[kept], points[2 * len(pairs) :]])
         self._points = points
         self.__dict__.pop("line", None)
 

@@ -208,7 +208,7 @@ def test_a_wrench_of_another_namespace_is_taken_with_a_note_unless_a_pose_is_the
     bag = renamed(flown(tmp_path, rest, COMMANDS), "/a/wrench")
     rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
     rows = [("/b/odom" if row[0] == "/odom" else row[0], *row[1:]) for row in rows]
-    imu = cdr.encode(kind, SECOND, "imu", *(np.zeros(count) for count in (4, 9, 3, 9, 3, 9)))
+    imu = cdr.encode(kind, SECOND, "imu", *map(np.zeros, (4, 1, 8, 3, 1, 8, 3, 1, 8)))
     rows += [(other, kind, SECOND, imu)] if sure else [(other, *row[1:]) for row in rows if row[0] == "/b/odom"]
     found = inspect(write_rows(tmp_path / "two.mcap", rows), parse_scene(SCENE.format(zz=0.38, rest=rest)))
     assert verdict(found) == (sure, True)

@@ -57,3 +57,6 @@ def test_of_many_messages_few_are_kept_and_the_line_is_the_same() -> None:
         clock.add(WALL + 2 * part, part)
     assert len(clock._points) <= 4096
     assert np.abs(clock.line.stamps(WALL + 2 * stamps) - stamps).max() < 1000
+    logged = WALL + stamps - np.where(stamps > 3 * SECOND, 3 * SECOND, 0)
+    first = np.argsort(logged, kind="stable")[:20_000]
+    assert not StampClock.of(logged[first], stamps[first]).line.straight
