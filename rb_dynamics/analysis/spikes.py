@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import Array, Spikes, TimeSeries, parts, unit_rows
+from rb_dynamics.analysis.track import Array, Spikes, Times, TimeSeries, parts, unit_rows
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 
@@ -15,8 +15,11 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 _FAR, _STEPS, _AROUND = 5.0, 7, 3
 # More samples than this part are the noise of the sensor.
 _MOST = 0.05
-# The pose follows if it shows this part of a spike, and this multiple of its own noise.
+# The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
+# follow, it shows less than this part, even with this multiple of the noise of their mean more.
 _FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
+# It cannot tell where samples on either side are missing: farther apart than so many usual intervals.
+_MISSING = 2.5
 
 
 def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeSeries:
@@ -47,11 +50,22 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
                 rates = rotate_all(unit_rows(pose.values[turned, 3:]), rates)
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
-        if alone.any():
+        alone &= _between_neighbours(twist.time_ns, twist.time_ns[at])
+        alone &= _between_neighbours(pose.time_ns, twist.time_ns[at])
+        weight = float(np.sum(size[alone] ** 2))
+        hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
+        if alone.any() and float(np.sum((followed * size)[alone])) + hidden <= _FOLLOWS * weight:
             values = values if told else values.copy()
             values[at[alone], columns] = about[alone]
             told.append(Spikes(unit, twist.time_ns[at[alone]], size[alone]))
     return replace(twist, values=values, spikes=tuple(told)) if told else twist
+
+
+def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
+    """Return at which times samples on either side are not missing."""
+    near = np.searchsorted(times, at)
+    apart = times[(near + 1).clip(max=len(times) - 1)] - times[(near - 1).clip(0, len(times) - 1)]
+    return apart <= _MISSING * np.median(np.diff(times))
 
 
 def _far(rows: Array, part: slice) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from tumbling import bag_of, failing, spin
 
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.spikes import without_spikes
+from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.analysis.unexplained_wrench import residual
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
@@ -50,6 +51,26 @@ def test_spikes_are_named_with_their_size_and_time() -> None:
     assert name == "/b/twist is whole"
     assert "1 is a spike, up to 3 m/s from the samples about them, the largest at t = 3 s" in said
     assert "2 are spikes, up to 2 rad/s from the samples about them, the largest at t = 5 s" in said
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.02])
+@pytest.mark.parametrize("missing", [False, True])
+def test_quick_turns_that_the_pose_cannot_show_are_no_spikes(noise: float, missing: bool) -> None:
+    """In its noise, or where samples are missing, they were accused and replaced."""
+    random, time_ns = np.random.default_rng(1), np.arange(1000) * 50_000_000
+    rate = np.zeros(1000)
+    rate[50:950:60] = 1.5
+    angle = np.cumsum(0.05 * 0.5 * (rate + np.roll(rate, 1))) + (1e-4 if missing else noise) * random.normal(size=1000)
+    poses = np.zeros((1000, 7))
+    poses[:, 5], poses[:, 6] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+    twists = 1e-3 * random.normal(size=(1000, 6))
+    twists[:, 5] += rate
+    kept = ~np.isin(np.arange(1000) % 60, (49, 51)) | (not missing)
+    pose, twist = (TimeSeries(name, time_ns[kept], rows[kept]) for name, rows in (("/p", poses), ("/t", twists)))
+    assert not without_spikes(twist, pose, False).spikes
+    if noise == 0.005 and not missing:
+        still = poses * 0.0 + [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+        assert len(without_spikes(twist, TimeSeries("/p", time_ns, still), False).spikes[0].size) == 15
 
 
 @pytest.mark.parametrize("quick", [1, 2, 3])
