@@ -65,7 +65,8 @@ def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
     """Return at which times samples on either side are not missing."""
     near = np.searchsorted(times, at)
     apart = times[(near + 1).clip(max=len(times) - 1)] - times[(near - 1).clip(0, len(times) - 1)]
-    return apart <= _MISSING * np.median(np.diff(times))
+    there: NDArray[np.bool_] = apart <= _MISSING * np.median(np.diff(times))
+    return there
 
 
 def _far(rows: Array, part: slice) -> NDArray[np.bool_]:
