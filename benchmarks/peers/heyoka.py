@@ -46,7 +46,7 @@ def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
     a, b, c = (0.5 * rate for rate in w)
     forces = turned_by((x, y, z, s), force)
     accelerations = [
-        (turned + pushed) / problem.mass + weight
+        (turned + pushed) / (problem.mass * _unit(problem)) + weight
         for turned, pushed, weight in zip(forces, push, problem.gravity, strict=True)
     ]
     turn = (s * a + y * c - z * b, s * b + z * a - x * c, s * c + x * b - y * a, -x * a - y * b - z * c)
@@ -56,7 +56,8 @@ def _system(problem: Problem) -> list[tuple[hy.expression, hy.expression]]:
 def _in_orbit(problem: Problem, symbols: list[hy.expression]) -> tuple[list[hy.expression], ...]:
     """Return force and torque in body axes and force in world axes."""
     mu, inertia, (c, k) = problem.orbit.gravitational_parameter, problem.inertia, problem.orbit.drag
-    (x, y, z, s, *w), place, v = symbols[:7], symbols[7:10], symbols[10:]
+    (x, y, z, s, *w), unit = symbols[:7], _unit(problem)
+    place, v = ([unit * coordinate for coordinate in part] for part in (symbols[7:10], symbols[10:]))
     r = sum(coordinate**2 for coordinate in place) ** 0.5
     n = [coordinate / r for coordinate in turned_by((-x, -y, -z, s), place)]
     pulled = [sum(float(m) * part for m, part in zip(row, n, strict=True)) for row in inertia]
@@ -79,11 +80,15 @@ def turned_by(orientation: Sequence[hy.expression], vector: Sequence[hy.expressi
     return [a + s * b + c for a, b, c in zip(vector, twice, cross(axis, twice), strict=True)]
 
 
+def _unit(problem: Problem) -> float:
+    """Return the unit of length (m): in orbit the radius, as the tolerance is relative to the largest number."""
+    return float(np.linalg.norm(problem.position_world)) if problem.orbit else 1.0
+
+
 def _starts(problem: Problem) -> np.ndarray:
     n = problem.bodies
-    fixed = np.concatenate(
-        (problem.orientation_xyzw, np.zeros(3), problem.position_world, problem.linear_velocity_world)
-    )
+    place = np.concatenate((problem.position_world, problem.linear_velocity_world)) / _unit(problem)
+    fixed = np.concatenate((problem.orientation_xyzw, np.zeros(3), place))
     found = np.tile(fixed, (n, 1))
     found[:, 4:7] = problem.angular_velocities
     return found
@@ -119,7 +124,7 @@ def _one(problem: Problem) -> Callable[[float], Run]:
                 parameters[:] = wrench
                 integrator.propagate_until(end)
             found = state.copy()
-            return lambda: Answer.of(found[:4], found[4:7], found[7:10])
+            return lambda: Answer.of(found[:4], found[4:7], _unit(problem) * found[7:10])
 
         return solve
 
