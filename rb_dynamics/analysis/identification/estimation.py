@@ -19,7 +19,7 @@ from rb_dynamics.analysis.identification.measurement_model import Model, Predict
 from rb_dynamics.analysis.identification.multiple_shooting import joined
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of, largest, noise_shown
-from rb_dynamics.analysis.identification.stacked_rows import information, sane, stacked, tame, triangle
+from rb_dynamics.analysis.identification.stacked_rows import sane, stacked, tame, triangle
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
@@ -344,11 +344,12 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor in each flight that the residuals show, over the freedom that the fit left."""
-    told = [information(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] ** 2 for each in predicted]
-    covariance = np.linalg.inv(sum(told) + np.eye(len(told[0])) / _FAR**2)
+    roots = [triangle(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] for each in predicted]
+    # The freedom that each sensor lends to the fit is the sum of its leverages.
+    basis = np.linalg.qr(np.vstack([*roots, np.eye(roots[0].shape[1]) / _FAR]))[0]
     taken = {
-        each.key: (float(np.sum(each.left**2)), each.left.size - float(np.sum(mine * covariance)))
-        for each, mine in zip(predicted, told, strict=True)
+        each.key: (float(np.sum(each.left**2)), each.left.size - float(np.sum(mine**2)))
+        for each, mine in zip(predicted, np.split(basis, np.cumsum([len(root) for root in roots])), strict=False)
     }
     found = {}
     for each in predicted:

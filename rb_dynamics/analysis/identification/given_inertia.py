@@ -36,7 +36,7 @@ from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.residual_whiteness import bands_of, root_of, whiteness, widened
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
 from rb_dynamics.analysis.identification.sensor_noise import floor_of, noise_shown
-from rb_dynamics.analysis.identification.stacked_rows import sane, stacked
+from rb_dynamics.analysis.identification.stacked_rows import covariance_of, sane, stacked
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
@@ -462,7 +462,7 @@ class _Judge:
 
         left, weighted = stacked(predicted, self.noise)
         by = weighted[:, np.concatenate([base, own])]
-        covariance: Array = np.asarray(np.linalg.inv(by.T @ by + np.eye(by.shape[1])), dtype=np.float64)
+        covariance = covariance_of(by)
         step = -covariance @ (by.T @ left)
         after, root = left + by @ step, root_of(covariance)
         counts = [len(each.left) for each in predicted]

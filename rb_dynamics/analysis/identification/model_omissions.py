@@ -21,7 +21,7 @@ from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import ParameterBlock
 from rb_dynamics.analysis.identification.residual_whiteness import root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
-from rb_dynamics.analysis.identification.stacked_rows import sane, stacked, triangle
+from rb_dynamics.analysis.identification.stacked_rows import covariance_of, sane, stacked, triangle
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.yaml import document
@@ -172,7 +172,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         columns = np.concatenate([old, _columns(blocks)])
         part = root[:, columns]
         # As in the report of a fit: without a recording, each number is known to about what is plausible.
-        covariance: Array = np.asarray(np.linalg.inv(part.T @ part + np.eye(len(columns))), dtype=np.float64)
+        covariance = covariance_of(part)
         step = -covariance @ (part.T @ root[:, -1])
         of_load = covariance[len(old) :, len(old) :]
         smallest, largest = np.linalg.eigvalsh(of_load)[[0, -1]].tolist()

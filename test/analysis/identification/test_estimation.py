@@ -11,7 +11,7 @@ import pytest
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics.analysis.identification import estimation, measurement_model
-from rb_dynamics.analysis.identification.estimation import _against_plausible, _least_squares, fitted
+from rb_dynamics.analysis.identification.estimation import _against_plausible, _estimated, _least_squares, fitted
 from rb_dynamics.analysis.identification.measurement_model import Model
 
 
@@ -38,6 +38,21 @@ def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.Monk
     moved = _least_squares(model, at + 1e-3, fit.noise, "linear", None)
     assert moved.cost == pytest.approx(again.cost, rel=1e-9)
     assert np.allclose(moved.x, at, atol=1e-4)
+
+
+def test_noise_is_estimated_beside_parameters_that_are_nearly_undetermined() -> None:
+    """Squared derivatives lost the weak one of two directions to rounding, and with it the freedom of the fit."""
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    model = Model(guess(body), [flown(body, random)], ("inertia_ratios",))
+    (predicted,) = model.predict(np.zeros(model.layout.count))
+    one = np.linalg.qr(random.standard_normal((predicted.left.size, 2)))[0]
+    by = one @ np.diag([1e8, 1e-3]) @ np.linalg.qr(random.standard_normal((2, 2)))[0]
+    left = 0.01 * random.standard_normal(predicted.left.shape)
+    flat = predicted._replace(left=left, by=by.reshape(*left.shape, 2))
+    # The strong direction takes one degree of freedom, the weak one nearly none.
+    noise = np.sqrt(np.sum(left**2) / (left.size - 1.0))
+    assert _estimated(model, [flat], {predicted.key: 1.0}, "linear")[predicted.key] == pytest.approx(noise, rel=1e-5)
 
 
 def test_a_search_does_not_hold_the_derivatives_of_the_whole_flight(monkeypatch: pytest.MonkeyPatch) -> None:
