@@ -87,9 +87,10 @@ def main() -> None:
     parser.add_argument("--linear", action="store_true", help="linear drag alone")
     parser.add_argument("--trim", type=int, nargs=2, default=(0, 0), help="samples left out at both ends")
     args = parser.parse_args()
-    random, good, left_over = np.random.default_rng(0), 0, []
+    random, good, negative, left_over = np.random.default_rng(0), 0, 0, []
     ratios: dict[str, list[Any]] = {"as recorded": [], "white": [], "coloured": []}
     errors: dict[str, list[float]] = {name: [] for name in ratios}
+    recordings: list[str] = []
     print("| throw | s | rad/s at most | rms, rad/s | times noise | moments over the largest | starts that agree |")
     print("|---|---|---|---|---|---|---|")
     flights = throws(args.folder, args.lag, args.trim)
@@ -98,12 +99,14 @@ def main() -> None:
         (stream,), (left,) = flight.streams, found.residuals
         seconds, fastest = stream.time_ns[-1] * 1e-9, np.linalg.norm(stream.values, axis=1).max()
         good += left.rms < GOOD
+        negative += any(p.value < 0.0 for p in found.parameters if p.name.startswith("effects[1]"))
         left_over.append((left.rms, left.rms / left.times_noise))
         shown, row = "not known", found.predicted[0].left
         if np.isfinite(error) and left.rms < GOOD:
             shown = ", ".join(f"{share:.4f}" for share in shares)
             ratios["as recorded"].append(shares)
             errors["as recorded"].append(error)
+            recordings.append(flight.name.split()[0])
             noises = {"white": left_over[-1][1] * random.standard_normal(row.shape), "coloured": coloured(random, row)}
             trial, *_ = fitted(simulated(flight, found, noises["coloured"]), args.linear, 1)
             noises["coloured"] *= left.rms / trial.residuals[0].rms
@@ -127,11 +130,19 @@ def main() -> None:
         "| noise | throws | spread of the smallest ratio, of the middle one | standard error of the smallest, median |"
     )
     print("|---|---|---|---|")
+    parts = {f"as recorded, {each}": [k for k, of in enumerate(recordings) if of == each] for each in set(recordings)}
+    parts["as recorded, best known"] = np.argsort(errors["as recorded"])[:14].tolist()
+    for name in sorted(parts):
+        ratios[name], errors[name] = ([of["as recorded"][k] for k in parts[name]] for of in (ratios, errors))
     for name, some in ratios.items():
         spread = 100 * np.std(some, axis=0) / np.mean(some, axis=0)
         print(
             f"| {name} | {len(some)} | {spread[0]:.2f} %, {spread[1]:.2f} % | {100 * np.median(errors[name]):.2f} % |"
         )
+    off = np.array(ratios["as recorded"])[:, 0] / np.mean(ratios["as recorded"], axis=0)[0] - 1.0
+    ratio = np.sqrt(np.mean((off / errors["as recorded"]) ** 2))
+    print(f"\nthe smallest ratio is {ratio:.2f} standard errors off its mean, rms")
+    print(f"a coefficient of quadratic drag is negative in {negative} of {len(flights)} throws")
 
 
 if __name__ == "__main__":
