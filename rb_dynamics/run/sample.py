@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
+# Below this speed, m/s or rad/s, a body is at rest.
+_STILL = 1e-12
+
 # By the beginning of the names of fields and columns.
 _UNITS = {
     "time_ns": "ns",
@@ -84,6 +87,16 @@ class Sample:
     wheel_speeds: tuple[float, ...] | None = None
     motor_work: float | None = None
     friction_heat: float | None = None
+
+
+def energy_off(body: RigidBody, sample: Sample) -> float:
+    """Return the energy that the motion gained or lost by errors alone, over the largest in its balance; 0 at rest."""
+    heat, motor = sample.friction_heat or 0.0, sample.motor_work or 0.0
+    start = sample.kinetic_energy - sample.work - sample.energy_defect
+    largest = max(map(abs, (sample.kinetic_energy, sample.work, start, heat, motor)))
+    # Of a body that hardly moves, all of this is rounding.
+    hardly = 0.5 * _STILL * _STILL * (body.mass + sum(body.principal_moments))
+    return abs(sample.energy_defect) / largest if largest > hardly else 0.0
 
 
 def kinetic_energy(body: RigidBody, phase: PhaseState) -> float:

@@ -66,7 +66,7 @@ from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
-from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy
+from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, energy_off, kinetic_energy
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
@@ -85,6 +85,9 @@ Command = tuple[str, "Wrench | Setpoint"]
 _logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
+
+UNBALANCED = 0.1
+"""Error of the energy from which fixed steps count as too long."""
 
 # ns: for so long a motion in closed form must be possible from a state to which the body is moved, under a torque; free
 # motion must be up to the next change that is known, or the end, or of a run without one for so long as its accuracy.
@@ -649,8 +652,14 @@ class Simulation:
 
     @property
     def remarks(self) -> list[str]:
-        """Warnings about limits that were nearly reached so far, in full sentences."""
-        return list(self._remarks.values())
+        """Warnings about limits that were nearly reached so far and steps that are too long, in full sentences."""
+        found, step = list(self._remarks.values()), self.scene.solver.step
+        if step is not None and (off := energy_off(self.scene.body, self.sample)) > UNBALANCED:
+            found.append(
+                f"the energy of the motion is off by {100.0 * off:.2g} %: steps of {step:g} s are too long for it; "
+                "take shorter ones, or give solver.accuracy"
+            )
+        return found
 
     def _look_at_wheels(self, wheels: WheelSet) -> None:
         """Record the first time at which each wheel is near a limit."""
@@ -1139,7 +1148,7 @@ class Run:
         wall_time_s: wall time of the run, s.
         rejected: the reason for each rejected command; the run continued without them.
         clipped: number of commands reduced by the limits of their channel.
-        remarks: warnings about limits that were nearly reached, in full sentences.
+        remarks: warnings about limits that were nearly reached and about steps that are too long, in full sentences.
     """
 
     sample: Sample

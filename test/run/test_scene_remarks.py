@@ -145,3 +145,23 @@ def test_a_step_under_which_friction_would_speed_a_wheel_up_is_refused(method: s
     assert abs(rb.simulate(scene(longest)).sample.wheel_speeds[0]) < 18.0
     with pytest.raises(rb.ConvergenceError, match=r"found 0.0\d+ s, expected 0.001 s or less, as w is slowed"):
         rb.simulate(scene(longest + 0.0002))
+
+
+@pytest.mark.parametrize(("drag", "off"), [(10.0, False), (50.0, True)])
+def test_steps_that_speed_up_what_drag_should_stop_are_named(drag: float, off: bool) -> None:
+    """By rk4 with steps of 0.1 s: 50/s is beyond its stability, 2.8 over the step."""
+    text = (
+        "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {linear_velocity_world: [1, 0, 0]}\nwrenches: []\n"
+        f"effects: [{{type: linear_drag, translation: {drag}}}]\nduration: 1\nsolver: "
+    )
+    found = rb.simulate(parse_scene(f"{text}{{method: rk4, step: 0.1}}")).remarks
+    assert ["steps of 0.1 s are too long" in remark for remark in found] == [True] * off
+    assert not rb.simulate(parse_scene(f"{text}{{method: auto, accuracy: 1.0e-6}}")).remarks
+
+
+def test_a_body_at_rest_whose_energy_is_rounding_has_no_steps_that_are_too_long() -> None:
+    text = (
+        "body: {mass: 3, inertia: {diagonal: [1, 2, 3]}}\nwrenches: []\nduration: 7\nsolver: {method: rk4, step: 0.1}\n"
+        "effects: [{type: scheduled_wrench, schedule: [{time: 0, force: [1.0e-15, 0, 0]}, {time: 3.3}]}]\n"
+    )
+    assert not rb.simulate(parse_scene(text)).remarks
