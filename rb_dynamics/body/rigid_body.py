@@ -73,9 +73,12 @@ class RigidBody:
                 "same of both, as the motion is computed in principal axes; make another body with "
                 "RigidBody.from_matrix(mass, inertia, center_of_mass)"
             )
-        values = (_mass(self.mass), rows, _center(self.center_of_mass), moments, axes)
-        for name, value in zip(self.__slots__, values, strict=True):
+        self._keep(_mass(self.mass), rows, _center(self.center_of_mass), moments, axes)
+
+    def _keep(self, *checked: object) -> RigidBody:
+        for name, value in zip(self.__slots__, checked, strict=True):
             object.__setattr__(self, name, value)
+        return self
 
     @property
     def is_particle(self) -> bool:
@@ -138,7 +141,9 @@ class RigidBody:
         axes = quaternion(orientation_xyzw, "orientation_xyzw", BodyError)
         if axes[:3] == ZERO:
             axes = IDENTITY
-        return cls(_mass(mass), _in_body_axes(diagonal, axes), _center(center_of_mass), diagonal, axes)
+        # Campaigns make one for each run: nothing is checked twice.
+        found = object.__new__(cls)
+        return found._keep(_mass(mass), _in_body_axes(diagonal, axes), _center(center_of_mass), diagonal, axes)
 
 
 def require_body(body: RigidBody) -> RigidBody:

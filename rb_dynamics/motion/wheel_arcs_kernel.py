@@ -36,7 +36,7 @@ from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elaps
 from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
 from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, estimate, first_guess, following_step, rounding
 from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
-from rb_dynamics.numerics.compilation import compiled_apart, specialise
+from rb_dynamics.numerics.compilation import compiled_apart, flat, lane, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.sign_change import first_positive, peak
@@ -123,29 +123,53 @@ def advance_all(
     """
     trials, found = (spare[first // LANES], step, pair), results[first // LANES]
     for start in range(first, last, LANES):
-        g, end, count, expected = start // LANES, min(last, start + LANES), 0, 0
-        for i in range(start, end):
-            c, f, w = rows[g, :, i - start], arcs[g, :, i - start], whole[i]
-            w[BESIDE] = 0
-            if until_ns[i] < 0:
-                continue
-            if w[LEFT_BEHIND] == 0:
-                _begin(c, f, w, commands[i])
-            if together != 0 and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
-                w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
-        h = expected / NANOSECONDS
+        g, end = start // LANES, min(last, start + LANES)
+        w, until = whole[start:end], until_ns[start:end]
+        count, expected = _begin_all(rows[g], arcs[g], w, commands[start:end], until, together != 0)
+        arrived, h = 0, expected / NANOSECONDS
         if count >= _FEWEST:
             pairs(rows[g], trials[0], found, h)
-        for i in range(start, end):
-            if until_ns[i] < 0:
-                continue
-            c, f, w, r = rows[g, :, i - start], arcs[g, :, i - start], whole[i], found[:, i - start]
-            if w[BESIDE] != 0 and count >= _FEWEST:
-                if _is_whole_way(c, f, w, r, until_ns[i], h):
-                    continue
+            arrived = _arrive_all(rows[g], arcs[g], w, found, until, h)
+        if arrived == LANES:
+            _stand_all(rows[g], found)
+            continue
+        for i in range(end - start):
+            c, f = rows[g, :, i], arcs[g, :, i]
+            if arrived > 0 and w[i, BESIDE] != 0:
+                _stand(c, found[:, i], 0)
+            elif until[i] >= 0 and w[i, LEFT_BEHIND] == 0 and not _advance(c, f, w[i], until[i], trials):
+                w[i, LEFT_BEHIND] = 1
+
+
+def _begin_all(
+    rows: Numbers, arcs: Numbers, whole: Whole, commands: Numbers, until_ns: Whole, together: bool
+) -> tuple[int, int]:
+    """Give the bodies of a group their commands; return how many can take which step (ns) side by side."""
+    count = expected = 0
+    for i in range(len(whole)):
+        c, f, w = rows[:, i], arcs[:, i], whole[i]
+        w[BESIDE] = 0
+        if until_ns[i] < 0:
+            continue
+        if w[LEFT_BEHIND] == 0:
+            _begin(c, f, w, commands[i])
+        if together and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
+            w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
+    return count, expected
+
+
+def _arrive_all(rows: Numbers, arcs: Numbers, whole: Whole, found: Numbers, until_ns: Whole, h: float) -> int:
+    """Return how many bodies are where the step of h s leads that was taken side by side; it is kept for the others."""
+    arrived = 0
+    for i in range(len(whole)):
+        c, f, w, r = rows[:, i], arcs[:, i], whole[i], found[:, i]
+        if w[BESIDE] != 0:
+            if _is_whole_way(c, f, w, r, until_ns[i], h):
+                arrived += 1
+            else:
+                w[BESIDE] = 0
                 _keep_tried(c, f, r, h)
-            if w[LEFT_BEHIND] == 0 and not _advance(c, f, w, until_ns[i], trials):
-                w[LEFT_BEHIND] = 1
+    return arrived
 
 
 def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers) -> None:
@@ -170,9 +194,9 @@ def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
 
 
 def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h: float) -> bool:
-    """Stand at a time where the step of h s leads that was taken side by side, if that is all that happens until then.
+    """Return whether the step of h s that was taken side by side leads to a time, and nothing else happens until then.
 
-    Return whether it is: the step is accepted, and no wheel switches.
+    The step is then accepted, and no wheel switches: what is left is to stand where it leads.
     """
     if w[START] + w[EXPECTED] != until_ns or round(h * NANOSECONDS) != w[EXPECTED]:
         return False
@@ -196,16 +220,15 @@ def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h
     far = is_far(c, WHEELS, max(below, above), h, turning, (phase.orientation, after.orientation))
     if not far:
         gained = _spin_up(c, after)
-    finite = _all_finite(c, after, r, PHASE)
-    _write_states(c, c, sums)
-    if above > 0.0 or not finite:
+    if above > 0.0 or not _all_finite(c, after, r, PHASE):
+        _write_states(c, c, sums)
         return False
     if not far:
         # As `first_positive` does first.
+        _write_states(c, c, sums)
         bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, phase), gained))
         if peak(below, above, 0.125 * (bend / NANOSECONDS**2) * length * length) > noise:
             return False
-    _stand(c, r, 0)
     f[LEARNT], f[LEARNT + 1] = following, farthest
     w[REACHED], w[STRIDES], w[TIME], w[SEARCHED], w[UNLIKE] = w[EXPECTED], 1, until_ns, until_ns, 0
     move_on(c, WHEELS)
@@ -476,6 +499,18 @@ def _stand(c: Numbers, f: Numbers, at: int) -> None:
     for k in range(m):
         high, low = f[at + PHASE + k], f[at + PHASE + m + k]
         c[sums + k], c[sums + m + k], c[states + k] = high, low, high + low
+
+
+def _stand_all(rows: Numbers, found: Numbers) -> None:
+    """Let all bodies of a group stand in the phases of `found`."""
+    m, sums, states = layout(rows[:, 0])
+    c, a = flat(rows), flat(found)
+    for x in range(PHASE * LANES):
+        c[lane(CONSTANTS * LANES) + lane(x)] = a[lane(x)]
+    for x in range(2 * m * LANES):
+        c[lane(sums * LANES) + lane(x)] = a[lane(PHASE * LANES) + lane(x)]
+    for x in range(m * LANES):
+        c[lane(states * LANES) + lane(x)] = a[lane(PHASE * LANES) + lane(x)] + a[lane((PHASE + m) * LANES) + lane(x)]
 
 
 def _write_states(c: Numbers, a: Numbers, at: int) -> None:

@@ -90,8 +90,12 @@ class _Sensor:
         import numpy as np
 
         came = found[:, LOST] == 0.0
-        self.newest = found if came.all() else np.where(came[:, np.newaxis], found, self.newest)
-        self.taken_s = np.where(came, taken_ns / NANOSECONDS, self.taken_s)
+        taken_s = taken_ns / NANOSECONDS
+        if came.all():
+            self.newest, self.taken_s = found, np.full(len(found), taken_s)
+            return
+        self.newest = np.where(came[:, np.newaxis], found, self.newest)
+        self.taken_s = np.where(came, taken_s, self.taken_s)
 
 
 class ManyMeasurements:

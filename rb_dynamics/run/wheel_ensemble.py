@@ -20,6 +20,7 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.compiled_load import WIDTH, source_numbers, with_dipoles
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.wheel_numbers import AXIS, BEFORE, EACH, invert_inertia
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import Channel
@@ -27,10 +28,10 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import each_part, parts_of
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, phase_numbers, phase_of
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, phase_of
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.phase_state import SUMS, PhaseState, in_principal_axes, inertia_of
-from rb_dynamics.motion.stateful_kernel import StatefulKernels, StatefulSteps, layout, stateful_kernels
+from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
+from rb_dynamics.motion.stateful_kernel import WHEELS, StatefulKernels, StatefulSteps, layout, stateful_kernels
 from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.motion.wheel_arcs_kernel import (
     ADVANCE_ALL,
@@ -44,7 +45,7 @@ from rb_dynamics.motion.wheel_lanes_kernel import LANES, pairs_of
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, add, norm, scale
+from rb_dynamics.numerics.vector import ZERO, add, dot, norm, norm_of_arrays, scale
 from rb_dynamics.run.ensemble import body_of_arrays, initial_phases
 from rb_dynamics.run.plan import control_of
 from rb_dynamics.run.sample import Sample, SampleBuilder, torque_impulse
@@ -172,9 +173,13 @@ class WheelEnsemble:
         self._none, self._dipoles = np.full((len(scenes), len(first.wheels) + 1), np.nan), _Dipoles.of(scenes)
         self._commands, self._samples = self._none, cast("weakref.ref[WheelSamples] | None", None)
         self._stands = False
-        rows, arcs, whole = zip(*(_beginning(scene, kernels) for scene in scenes), strict=True)
-        self.rows, self._arcs = _in_lanes(rows), _in_lanes(arcs)
-        self._whole = np.array(whole, dtype=np.int64)
+        alike: dict[int, list[int]] = {}
+        for i, scene in enumerate(scenes):
+            alike.setdefault(id(scene.actuators), []).append(i)
+        begun: Any = [_beginning([scenes[i] for i in which], kernels, self._start[which]) for which in alike.values()]
+        order = np.concatenate(list(alike.values())).argsort()
+        rows, arcs, whole = (np.concatenate(parts)[order] for parts in zip(*begun, strict=True))
+        self.rows, self._arcs, self._whole = _in_lanes(rows), _in_lanes(arcs), whole
         self._states, self._sums, _ = layout(rows[0])
         groups, size = len(self.rows), size_of(self._states)
         spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
@@ -227,7 +232,7 @@ class WheelEnsemble:
             told[:, wheels] = np.where(np.isnan(rods).all(axis=1), np.nan, 1.0)
             ends, body = self._dipoles.commanded(rods), np.arange(len(self))
             self.rows[body // LANES, -ends.shape[1] :, body % LANES] = ends
-        self._commands = np.where(np.isnan(told), self._commands, told)
+        self._commands = told if self._commands is self._none else np.where(np.isnan(told), self._commands, told)
 
     def advance_to(self, time_ns: int) -> None:
         """Advance to `time_ns`, not before the last time."""
@@ -423,38 +428,56 @@ class _Dipoles:
         return with_dipoles(self._numbers, self._sources, np.stack(rotate_inverse(self._principal, total), axis=1))
 
 
-def _in_lanes(rows: Sequence[Sequence[float]]) -> Numbers:
+def _in_lanes(given: Numbers) -> Numbers:
     """Return rows in groups of `LANES`, (groups, ..., `LANES`); the last one stands for those that are missing."""
     import numpy as np
 
-    given = np.array(rows)
     missing = np.repeat(given[-1:], -len(given) % LANES, axis=0)
     whole = np.concatenate((given, missing)).reshape(-1, LANES, given.shape[1])
     return np.ascontiguousarray(whole.transpose(0, 2, 1))
 
 
-def _beginning(scene: Scene, kernels: StatefulKernels) -> tuple[Numbers, list[float], list[int]]:
-    """Return the numbers of a body, those of its arc, and the whole ones, see `wheel_arcs_kernel.py`."""
+def _beginning(
+    scenes: Sequence[Scene], kernels: StatefulKernels, start: Numbers
+) -> tuple[Numbers, Numbers, npt.NDArray[np.int64]]:
+    """Return the numbers of bodies with the same actuators, of their arcs, and the whole ones, a row for each.
+
+    `start` are their phases; see `wheel_arcs_kernel.py`.
+    """
     import numpy as np
 
-    wheels, inertia = WheelSet(scene.wheels, scene.body), inertia_of(scene.body)
-    phase = PhaseState.of(scene.body, scene.initial)
-    start = phase.center_of_mass_world
-    phase = phase.with_inner(wheels.begin(phase.angular_velocity))
-    held, effects = in_principal_axes(scene.body, HeldWrench()), scene.combined_effects.numbers(0.0) or ()
-    if rods_of(scene):
+    first, bodies = scenes[0], [scene.body for scene in scenes]
+    effects: list[tuple[float, ...]] = [scene.combined_effects.numbers(0.0) or () for scene in scenes]
+    wheels = WheelSet(first.wheels, first.body).now
+    # Functions of numbers take columns, too: one number of each body.
+    columns: Any = np.array([(b.mass, *b.principal_moments, *b.principal_orientation_xyzw) for b in bodies]).T
+    mass, moments, turn, omega = columns[0], tuple(columns[1:4]), tuple(columns[4:]), tuple(start.T[4:7])
+    now, momenta = list[Any](wheels), list[Any]()
+    for k, wheel in enumerate(first.wheels):
+        axis = rotate_inverse(turn, wheel.axis)
+        a, axis = BEFORE + EACH * k + AXIS, scale(1.0 / norm_of_arrays(axis), axis)
+        now[a : a + 3] = axis
+        momenta.append(wheel.inertia * (wheel.speed + dot(axis, omega)))
+    invert_inertia(now, 0, moments)
+    if rods_of(first):
         # Room for a dipole.
-        effects = *(0.0,) * WIDTH, *effects
-    steps = StatefulSteps(kernels, inertia, held, wheels.now, effects)
-    numbers = np.array(np.frombuffer(steps.numbers))
-    numbers[CONSTANTS : CONSTANTS + PHASE] = phase_numbers(phase._replace(high=phase.high[:SUMS], low=phase.low[:SUMS]))
-    count, sums, states = layout(numbers)
-    numbers[sums : states + count] = *phase.high[SUMS:], *phase.low[SUMS:], *phase.inner
-    arc, whole = [0.0] * (GRID_POINT + 2 * size_of(count)), [0] * WHOLE
-    method = _method(scene.solver)
-    control = None if method is None else control_of(scene, method, start, scene.duration or 0.0)
+        effects = [(*(0.0,) * WIDTH, *each) for each in effects]
+    held = in_principal_axes(first.body, HeldWrench())
+    steps = StatefulSteps(kernels, inertia_of(first.body), held, wheels, effects[0])
+    rows = np.tile(np.frombuffer(steps.numbers), (len(scenes), 1))
+    count, sums, states = layout(rows[0])
+    rows[:, :4], rows[:, CONSTANTS : CONSTANTS + PHASE] = columns[:4].T, start
+    for at, column in ((WHEELS, now), (sums, momenta), (states, [each + 0.0 for each in momenta])):
+        for k, each in enumerate(column):
+            rows[:, at + k] = each
+    rows[:, rows.shape[1] - len(effects[0]) :] = effects
+    arcs = np.zeros((len(scenes), GRID_POINT + 2 * size_of(count)))
+    whole = np.zeros((len(scenes), WHOLE), dtype=np.int64)
+    method, (x, y, z) = _method(first.solver), tuple(start.T[7:10] + start.T[21:24])
+    control = None if method is None else control_of(first, method, ZERO, first.duration or 0.0)
     if isinstance(control, FixedStep):
-        whole[LENGTH] = control.length
+        whole[:, LENGTH] = control.length
     elif isinstance(control, AccuracyControl):
-        arc[: len(control.goal)] = map(float, control.goal)
-    return numbers, arc, whole
+        for k, each in enumerate(control.goal._replace(mass=mass, x=x, y=y, z=z)):
+            arcs[:, k] = each
+    return rows, arcs, whole

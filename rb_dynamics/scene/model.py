@@ -128,10 +128,9 @@ class Scene:
                 or output rate is out of range, or the frames were made for another centre of mass.
         """
         instance(self.body, RigidBody, "body", "make one with RigidBody.from_diagonal(mass, moments)")
-        frames = instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
-        object.__setattr__(self, "frames", frames.of(self.body))
+        instance(self.frames, WrenchFrames, "frames", "write WrenchFrames()")
         instance(self.initial, State, "initial", "write State()")
-        object.__setattr__(self, "initial", self.initial.checked("initial"))
+        self._check_numbers()
         if self.initial.time_ns:
             raise SceneError(
                 f"initial.time_ns is {self.initial.time_ns}, expected 0: a run begins at time 0; write "
@@ -160,11 +159,31 @@ class Scene:
                 "with one topic, a command would reach the last alone; rename one"
             )
 
-    def _check_sensors_and_actuators(self) -> None:
+    def with_numbers(self, body: RigidBody, initial: State, seed: int) -> Scene:
+        """Return the scene with another body, state at time 0 and seed, without its text.
+
+        As `replace` does, but only these are checked: campaigns make one scene for each run.
+
+        Raises:
+            ValueError, SceneError: as when a scene is made.
+        """
+        found = object.__new__(Scene)
+        vars(found).update(vars(self), body=body, initial=initial, seed=seed, text="", findings=(), surface=None)
+        vars(found).pop("combined_effects", None)
+        found._check_numbers()
+        # Effects and actuators check the body.
+        _ = found.combined_effects
+        return found
+
+    def _check_numbers(self) -> None:
+        object.__setattr__(self, "frames", self.frames.of(self.body))
+        object.__setattr__(self, "initial", self.initial.checked("initial"))
         seed = whole_number(self.seed, "seed", "write one, such as 1")
         if not 0 <= seed <= MOST_SEED:
             raise SceneError(f"seed is {seed}, expected a whole number from 0 to {MOST_SEED}; write another")
         object.__setattr__(self, "seed", seed)
+
+    def _check_sensors_and_actuators(self) -> None:
         sensors = instances(self.sensors, Sensor, "sensors", "write one, as Imu(...)")
         actuators = instances(self.actuators, Actuator, "actuators", "write one, as Thruster(...)")
         object.__setattr__(self, "sensors", sensors)
@@ -192,7 +211,7 @@ class Scene:
         """`duration` in whole nanoseconds, the end of a run."""
         return None if self.duration is None else nanoseconds(self.duration)
 
-    @property
+    @cached_property
     def wheels(self) -> tuple[ReactionWheel, ...]:
         """The actuators that are reaction wheels."""
         return tuple(each for each in self.actuators if isinstance(each, ReactionWheel))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from functools import cache
 
 from rb_dynamics.numerics.compilation import compiled_apart, high_word, lane
 from rb_dynamics.numerics.vector import Vector
@@ -108,7 +109,12 @@ def _polynomial(row: _Row, r: float) -> float:
 
 def key_of(seed: int, name: str) -> Key:
     """Return the key of the random numbers of what is called `name`, in runs with one seed."""
-    return seed, int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
+    return seed, _word_of(name)
+
+
+@cache
+def _word_of(name: str) -> int:
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
 
 
 class RandomNumbers:

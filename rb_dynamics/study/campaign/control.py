@@ -126,7 +126,7 @@ class ControlLoop:
         self._count, largest = len(bodies), np.array([largest_wrench(body) for body in bodies])
         self._largest: Mapping[str, Numbers] = {FORCE: largest[:, :1], TORQUE: largest[:, 1:]}
         self._most = numbers["control.saturation"][:, None]
-        self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)], axis=-1)
+        self._bias = np.stack([numbers[f"control.bias[{i}]"] for i in range(3)]).T
         self._sizes = np.stack([numbers["control.noise.attitude"], numbers["control.noise.rate"]], axis=-1)
         self._noise = [generator(campaign.seed, run, NOISE) for run in runs] if self._sizes.any() else []
         self._random = RandomStreams(lambda: [generator(campaign.seed, run, LAW) for run in runs])

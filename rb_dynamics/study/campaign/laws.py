@@ -139,7 +139,7 @@ def b_dot(parameters: Parameters) -> Law:
         field = [across * first + along * third for first, third in zip(*rows, strict=True)]
         spin = measured.angular_velocity_body.T
         along_field = spin[0] * field[0] + spin[1] * field[1] + spin[2] * field[2]
-        return np.stack([-gain * (s - along_field * b) for s, b in zip(spin, field, strict=True)], axis=-1)
+        return np.stack([-gain * (s - along_field * b) for s, b in zip(spin, field, strict=True)]).T
 
     return law
 
@@ -167,7 +167,7 @@ def attitude_pd(parameters: Parameters) -> Law:
         scalar = d * w - a * x - b * y - c * z
         stiff = np.where(scalar < 0.0, -proportional, proportional)
         spin = measured.angular_velocity_body.T
-        return np.stack([-stiff * e - derivative * s for e, s in zip(error, spin, strict=True)], axis=-1)
+        return np.stack([-stiff * e - derivative * s for e, s in zip(error, spin, strict=True)]).T
 
     return law
 

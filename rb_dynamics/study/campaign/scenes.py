@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 from rb_dynamics.body.rigid_body import RigidBody
@@ -79,11 +79,10 @@ class Scenes:
         for key, value in changes.items():
             if key in _NUMBERS:
                 found[key] = value
-            elif match := _ELEMENT.fullmatch(key):
-                part, name = match[1].split(".")
-                vector = list(found.get(match[1], getattr(getattr(base, part), name)))
-                vector[int(match[2])] = value
-                found[match[1]] = vector
+            elif element := _element(key):
+                whole, part, name, k = element
+                vector = found.get(whole, getattr(getattr(base, part), name))
+                found[whole] = (*vector[:k], value, *vector[k + 1 :])
             else:
                 return None
         mass, center = (found.pop(key, getattr(base.body, key[5:])) for key in ("body.mass", "body.center_of_mass"))
@@ -97,8 +96,7 @@ class Scenes:
                 moments, axes = inertia["principal"].values()
                 body = RigidBody.from_principal(mass, moments, tuple(axes.values()), center)
             initial = replace(base.initial, **{key.removeprefix("initial."): vector for key, vector in found.items()})
-            # Effects and actuators check the body.
-            return replace(base, body=body, initial=initial, seed=seed, text="", findings=(), surface=None)
+            return base.with_numbers(body, initial, seed)
         except (RigidBodyError, ValueError):
             return None
 
@@ -151,6 +149,13 @@ class Scenes:
 def scenes_of(campaign: Campaign) -> Scenes:
     """Return the `Scenes` of `campaign`, read once per process."""
     return Scenes(campaign)
+
+
+@cache
+def _element(key: str) -> tuple[str, str, str, int] | None:
+    """Return key, part, name and place of a component of a vector; None for any other key."""
+    match = _ELEMENT.fullmatch(key)
+    return match and (match[1], *match[1].split("."), int(match[2]))
 
 
 def any_attitude(u: float, v: float, w: float) -> Quaternion:

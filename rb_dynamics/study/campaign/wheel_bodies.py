@@ -160,10 +160,10 @@ class WithWheels:
         return np.full((len(self._ensemble), 3), np.nan)
 
     def _in_body(self, sensing: ManyMeasurements, name: str, count: int) -> Numbers | None:
-        """Return a value for the body, as the first sensor that measures it says."""
+        """Return a value for the body, as the first sensor that measures it says; laws compute with its columns."""
         for sensor, now in zip(self._scene.sensors, sensing.sensors, strict=True):
             if name in sensor.values:
-                return now.newest[:, IN_BODY : IN_BODY + count].copy()
+                return now.newest[:, IN_BODY : IN_BODY + count].copy(order="F")
         return None
 
     def _silent(self, sensing: ManyMeasurements) -> tuple[str, ...]:
@@ -220,7 +220,7 @@ class WithWheels:
             now = waits & (times_ns < time_ns)
             if now.any():
                 self._ensemble.advance_some(times_ns, now)
-                self._ensemble.command(values, now)
+                self._ensemble.command(values, None if now.all() else now)
                 waits[now] = False
         self._waiting = [each for each in self._waiting if each[2].any()]
         self._ensemble.advance_to(time_ns)
