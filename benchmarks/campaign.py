@@ -15,7 +15,8 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `spacecraft`: COUNT runs (default 400) of config/campaigns/spacecraft.yaml, as `accuracy`.
 `satellite`: 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and star tracker at 2 Hz,
     attitude_pd, gravity gradient; in turn in Basilisk, COUNT runs (default 100) as for `peer`, with steps of 0.1 s, and
-    in a block of 2000 runs by `dverk` and by `auto`, three times; and where the time goes.
+    in a block of 2000 runs by `dverk` and by `auto`, three times; what Basilisk's error and time are by step; and where
+    the time goes.
 `memory`: memory of a worker.
 Times are for one core of this machine, the best of several repeats; `workers` measures wall-clock time.
 """
@@ -321,16 +322,16 @@ def satellite(runs: int, python: str) -> None:
     first = rows["auto"]
     tasks = {"spins": [first[f"initial.angular_velocity_body[{i}]"].tolist() for i in range(3)]}
     tasks["inertias"] = _inertias(campaigns["auto"], runs)
+
+    def simulated(step: float, noise: float = 1.0, end: float = END) -> Any:
+        asked = json.dumps({**tasks, "step": step, "noise": noise, "end": end})
+        command = [python, __file__, "basilisk_satellite"]
+        answer = subprocess.run(command, input=asked, capture_output=True, text=True, check=True)
+        return json.loads(answer.stdout.splitlines()[-1])
+
     ratios: dict[str, list[tuple[float, float]]] = {method: [] for method in campaigns}
     for _ in range(REPEATS):
-        answer = subprocess.run(
-            [python, __file__, "basilisk_satellite"],
-            input=json.dumps(tasks),
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        peer = json.loads(answer.stdout.splitlines()[-1])
+        peer = simulated(PEER_STEP)
         theirs = min(peer["times"])
         print(f"Basilisk             {theirs * 1e3:9.3f} ms a run ({peer['version']})", flush=True)
         for method, campaign in campaigns.items():
@@ -340,6 +341,12 @@ def satellite(runs: int, python: str) -> None:
     for method, each in ratios.items():
         ratio, taken = sorted(each)[len(each) // 2]
         print(f"median, {method:<6}       {taken * 1e3:9.3f} ms a run, ratio {ratio:6.1f}")
+    fine = simulated(0.005, 0.0, 30.0)["final_rates"]
+    for step in (PEER_STEP, SAMPLE):
+        rates = simulated(step, 0.0, 30.0)["final_rates"]
+        off, taken = max(abs(a - b) for a, b in zip(rates, fine, strict=True)), min(simulated(step)["times"])
+        error = f"rates after 30 s off by at most {off:.1e} rad/s"
+        print(f"Basilisk, steps of {step:g} s {taken * 1e3:9.3f} ms a run; {error}")
     where_it_goes(lambda: ours(campaigns["dverk"]), ours(found("dverk", 0.5)))
     for method, row in rows.items():
         print(f"{method:<12} median of the final rates {sorted(row['final_rate'].tolist())[runs // 2]:.2e} rad/s")
@@ -490,7 +497,7 @@ def basilisk_satellite(tasks: Any) -> Any:
         simulation = SimulationBaseClass.SimBaseClass()
         process = simulation.CreateNewProcess("process")
         process.addTask(simulation.CreateNewTask("control", macros.sec2nano(SAMPLE)), 10)
-        process.addTask(simulation.CreateNewTask("motion", macros.sec2nano(PEER_STEP)), 1)
+        process.addTask(simulation.CreateNewTask("motion", macros.sec2nano(tasks["step"])), 1)
         craft = spacecraft.Spacecraft()
         craft.hub.mHub, craft.hub.IHubPntBc_B = 10.0, inertia
         craft.hub.omega_BN_BInit = [[c] for c in spin]
@@ -513,6 +520,7 @@ def basilisk_satellite(tasks: Any) -> Any:
         deviations = np.zeros(18)
         # Its errors walk within bounds. Attitude in MRP, a quarter of an angle.
         deviations[6:9], deviations[9:12] = TRACKER_NOISE / 4.0, GYRO_NOISE * math.sqrt(2.0)
+        deviations *= tasks["noise"]
         sense.PMatrix, sense.walkBounds = np.diag(deviations).tolist(), (2.0 * deviations)[:, None].tolist()
         sense.RNGSeed = seed
         sense.crossAtt = sense.crossTrans = False
@@ -531,10 +539,11 @@ def basilisk_satellite(tasks: Any) -> Any:
         effector.rwMotorCmdInMsg.subscribeTo(share.rwMotorTorqueOutMsg)
         for module in (sense, guide, error, law, share):
             simulation.AddModelToTask("control", module)
-        for module in (craft, effector, gradient):
+        # The wheels hear their commands before the step that they act in.
+        for module in (effector, gradient, craft):
             simulation.AddModelToTask("motion", module)
         simulation.InitializeSimulation()
-        simulation.ConfigureStopTime(macros.sec2nano(END))
+        simulation.ConfigureStopTime(macros.sec2nano(tasks["end"]))
         simulation.ExecuteSimulation()
         return math.hypot(*(c[0] for c in craft.dynManager.getStateObject("hubOmega").getState()))
 
