@@ -474,7 +474,9 @@ def _beginning(
     arcs = np.zeros((len(scenes), GRID_POINT + 2 * size_of(count)))
     whole = np.zeros((len(scenes), WHOLE), dtype=np.int64)
     method, (x, y, z) = _method(first.solver), tuple(start.T[7:10] + start.T[21:24])
-    control = None if method is None else control_of(first, method, ZERO, first.duration or 0.0)
+    # A step that suits one body may not suit another.
+    stepped = scenes if first.solver.step is not None else scenes[:1]
+    control = [control_of(each, method, ZERO, each.duration or 0.0) for each in stepped][0] if method else None
     if isinstance(control, FixedStep):
         whole[:, LENGTH] = control.length
     elif isinstance(control, AccuracyControl):

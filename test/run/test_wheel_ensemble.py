@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rb_dynamics import RigidBody, Scene, State
+from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.magnetic_field import MagneticField
@@ -306,3 +307,26 @@ def test_only_what_kernels_know_is_in_an_ensemble() -> None:
     assert shared_by_wheels(replace(rods, effects=field.effects * 2)) is None
     shaking = replace(scene.wheels[0], dynamic_imbalance=1e-8)
     assert shared_by_wheels(replace(scene, actuators=(shaking, *scene.wheels[1:]))) is None
+
+
+def test_bodies_of_which_some_share_their_actuators(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    draw = random.Random(3)
+    one, two = (satellite(number, SOLVERS["dverk"], "torque") for number in (1, 2))
+    heavy = RigidBody.from_matrix(12.0, [[0.06, 0.0, 0.002], [0.0, 0.11, 0.0], [0.002, 0.0, 0.15]], (0.0, 0.01, 0.0))
+    spinning = replace(one.initial, position_world=(0.0, 7.0e6, 1.0), angular_velocity_body=(0.1, -0.2, 0.05))
+    scenes = [one, two, replace(one, body=heavy), replace(two, initial=spinning), replace(one, initial=spinning)]
+    assert scenes[2].actuators is one.actuators
+    times = [k * NANOSECONDS // 2 for k in range(1, 9)]
+    given = [[[draw.uniform(-2e-3, 2e-3) for _ in range(3)] for _ in scenes] for _ in times]
+    together_as_alone(scenes, times, given)
+
+
+def test_a_step_that_does_not_suit_one_of_the_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    wheel = ReactionWheel(name="wheel", axis=(1.0, 0.0, 0.0), inertia=1e-3, viscous=1e-2)
+    one = replace(satellite(1, SOLVERS["dop853 with a step"], "torque"), actuators=(wheel,))
+    light = replace(one, body=RigidBody.from_diagonal(10.0, (1.005e-3, 1e-3, 1e-3)))
+    WheelEnsemble([one, one], 1)
+    with pytest.raises(ConvergenceError, match=r"solver.step: found 0.03 s"):
+        WheelEnsemble([one, light], 1)

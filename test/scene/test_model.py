@@ -14,6 +14,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
@@ -164,3 +165,30 @@ def test_what_a_schedule_was_made_of_may_change_or_run_dry() -> None:
 def test_a_run_begins_at_time_0() -> None:
     with pytest.raises(SceneError, match=r"initial\.time_ns is 5, expected 0: a run begins at time 0"):
         replace(READ, initial=State(5))
+
+
+def test_with_other_numbers_a_scene_is_as_replaced() -> None:
+    scene = replace(READ, effects=(CentralGravity(gravitational_parameter=1.0),), text="text")
+    state = State(position_world=(2.0, 0.0, 0.0), orientation_xyzw=(0.0, 0.6, 0.0, 0.8))
+    assert scene.combined_effects.body is READ.body
+    found = scene.with_numbers(OTHER, state, 5)
+    assert found == replace(scene, body=OTHER, initial=state, seed=5, text="")
+    assert found.combined_effects.body is OTHER
+    assert found.frames.center_of_mass == OTHER.center_of_mass
+    assert scene.combined_effects.body is READ.body
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"seed": -1}, SceneError),
+        ({"initial": State(angular_velocity_body=(np.nan, 0.0, 0.0))}, ValueError),
+        ({"initial": State(orientation_xyzw=(1.0, 0.0, 0.0, 1.0))}, ValueError),
+        ({"body": RigidBody.from_diagonal(1.0, (0.1, 0.1, 0.1))}, SceneError),
+    ],
+    ids=["seed", "not finite", "attitude", "smaller than its wheel"],
+)
+def test_other_numbers_of_a_scene_are_checked(change: dict[str, Any], error: type[Exception]) -> None:
+    scene = replace(READ, actuators=(ReactionWheel(name="wheel", axis=(1.0, 0.0, 0.0), inertia=0.5),))
+    with pytest.raises(error):
+        scene.with_numbers(**({"body": OTHER, "initial": State(), "seed": 1} | change))
