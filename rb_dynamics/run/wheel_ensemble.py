@@ -476,7 +476,8 @@ def _beginning(
     method, (x, y, z) = _method(first.solver), tuple(start.T[7:10] + start.T[21:24])
     # A step that suits one body may not suit another.
     stepped = scenes if first.solver.step is not None else scenes[:1]
-    control = [control_of(each, method, ZERO, each.duration or 0.0) for each in stepped][0] if method else None
+    controls = [control_of(each, method, ZERO, each.duration or 0.0) for each in stepped] if method else [None]
+    control = controls[0]
     if isinstance(control, FixedStep):
         whole[:, LENGTH] = control.length
     elif isinstance(control, AccuracyControl):
