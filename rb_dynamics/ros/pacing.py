@@ -115,6 +115,7 @@ class ClockFollower:
         """Use the clock to follow (ns; 0 before its first message), and a steady clock to detect that it is paused."""
         self._now, self._steady = now, steady
         self._standing, self._clock_ns = False, 0
+        self._jump: int | None = 0
         self.clear()
         self.begin(0)
 
@@ -132,16 +133,17 @@ class ClockFollower:
     def begin(self, offset_ns: int) -> None:
         """Begin a run at simulation time 0; the clock determines the stamps."""
         self.restart(0)
-        self._went_back = False
+        self._jump = 0
 
     def restart(self, time_ns: int) -> None:
         """Let the present simulation time be `time_ns`."""
-        self._went_back = 0 < self._now() < self._clock_ns
+        if 0 < self._now() < self._clock_ns:
+            self._jump = None
         self._time_ns, self._clock_ns, self._moved = time_ns, self._now(), self._steady()
 
-    def went_back(self) -> bool:
-        """Return whether the clock has jumped back since this was asked last."""
-        found, self._went_back = self._went_back, False
+    def jump(self) -> int | None:
+        """Return by how much (ns) the clock has leapt ahead since this was asked last; None if it jumped back."""
+        found, self._jump = self._jump, 0
         return found
 
     def due_ns(self, next_ns: int) -> int:
@@ -193,9 +195,10 @@ class ClockFollower:
             pass
         elif passed < 0:
             self._jumps_back += 1
-            self._went_back = True
+            self._jump = None
         elif passed > LARGEST_LEAP_NS:
             self._leaps += 1
+            self._jump = None if self._jump is None else self._jump + passed
         else:
             self._time_ns += passed
         self._clock_ns, self._moved, self._standing = clock_ns, self._steady(), False

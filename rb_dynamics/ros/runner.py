@@ -194,13 +194,16 @@ class Runner:
     def _keep_to_stamps(self, before_ns: int | None) -> None:
         """Let the commands that wait act at their stamps, which were `before_ns` ahead until time was lost."""
         offset_ns = self.pacer.offset_ns
-        if self._mode.apply_at != "stamp" or self.lockstep or offset_ns == before_ns:
-            return
-        if before_ns is None or offset_ns is None:
+        if not self.lockstep and before_ns is not None and offset_ns is not None:
+            self._hasten(offset_ns - before_ns)
+
+    def _hasten(self, by_ns: int | None) -> None:
+        """Let the commands that wait for their stamps act so much earlier; never, if their time is over (None)."""
+        if self._mode.apply_at != "stamp" or by_ns == 0:
             return
         for arrivals in self._arrivals.values():
-            arrivals.hasten(offset_ns - before_ns)
-        for topic in self.simulation.hasten(offset_ns - before_ns):
+            arrivals.hasten(by_ns)
+        for topic in self.simulation.hasten(by_ns):
             self.health.overtaken(topic)
 
     def pause(self, paused: bool) -> None:
@@ -569,12 +572,8 @@ class Runner:
         due_ns = self.pacer.due_ns(self._next_look_ns())
         if isinstance(self.pacer, Pacer):
             self._keep_to_stamps(offset_ns)
-        elif self.pacer.went_back() and self._mode.apply_at == "stamp":
-            # What waits was stamped in a time that is over.
-            for arrivals in self._arrivals.values():
-                arrivals.hasten(None)
-            for topic in self.simulation.hasten(None):
-                self.health.overtaken(topic)
+        else:
+            self._hasten(self.pacer.jump())
         return due_ns
 
     def _next_ns(self) -> int:

@@ -724,8 +724,9 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
     assert "the machine is too slow" in status.message
 
 
+@pytest.mark.parametrize("seen", [False, True])
 @pytest.mark.parametrize("paused", [False, True])
-def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool) -> None:
+def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool, seen: bool) -> None:
     """A command of the time before acted among those of the new one, at a stamp that is not its own."""
     clock = [100.0]
     follower = ClockFollower(lambda: round(clock[0] * 1e9))
@@ -745,6 +746,8 @@ def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool) ->
     if paused:
         body.pause(True)
         clock[0] = 1.0
+        if seen:  # by the diagnostics of every second
+            follower.values()
         body.pause(False)
     at(1.0)
     assert follower.offset_ns == round(0.9e9)
@@ -755,6 +758,32 @@ def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool) ->
     at(1.9)
     # 2 N for 0.1 s.
     assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.2)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_commands_that_wait_when_the_clock_leaps_ahead_keep_to_their_stamps(paused: bool) -> None:
+    """A command stamped in the new time may overtake the clock; it acted when the body had gone all the way there."""
+    clock = [100.0]
+    follower = ClockFollower(lambda: round(clock[0] * 1e9))
+    body = runner(SCENE.replace("duration: 1.0\n", ""), Mode(apply_at="stamp"), pacer=follower)
+
+    def at(time_s: float) -> None:
+        clock[0] = time_s
+        follower.values()
+        body.tick()
+        while body.behind:
+            body.tick()
+
+    at(100.1)
+    body.command("wrench", Wrench(force=(2.0, 0.0, 0.0), frame_id="world", stamp_ns=200_500_000_000))
+    if paused:
+        body.pause(True)
+        at(200.0)
+        body.pause(False)
+    for time_s in (200.0, 200.7):
+        at(time_s)
+    # 2 N for 0.2 s, beside 2 N s at the start.
+    assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.4)
 
 
 def test_a_command_that_comes_just_after_the_clock_jumped_has_the_stamp_of_the_new_time() -> None:
