@@ -187,10 +187,6 @@ class ReactionWheel(Actuator):
         axis = rotate_inverse(body.principal_orientation_xyzw, self.axis)
         return scale(1.0 / norm(axis), axis)
 
-    def friction_rate(self, body: RigidBody) -> float:
-        """Return the rate (1/s) at which viscous friction slows the free wheel in a free body."""
-        return self.viscous / self._free_inertia(body)
-
     def _free_inertia(self, body: RigidBody) -> float:
         """Return the inertia of the free wheel in a free body: W' is the torque between the two over it."""
         axis, moments = self.axis_in(body), body.principal_moments
@@ -214,6 +210,28 @@ class ReactionWheel(Actuator):
                 "radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
             )
         return accepted
+
+
+def friction_rate(wheels: Sequence[ReactionWheel], body: RigidBody) -> tuple[float, str]:
+    """Return the largest rate (1/s) at which viscous friction slows wheels that turn freely in a free body; in words.
+
+    Wheels share the body: those that turn together may be slowed faster than each alone.
+    """
+    import numpy as np
+
+    if not any(wheel.viscous for wheel in wheels):
+        return 0.0, ""
+    # J (W' + A w') = -v W, and I w' + A^T J W' = 0, with a row of A for each axis.
+    inertia = np.array([wheel.inertia for wheel in wheels])
+    momenta = inertia[:, None] * np.array([wheel.axis_in(body) for wheel in wheels])
+    free = np.diag(inertia) - momenta / np.array(body.principal_moments) @ momenta.T
+    slowing = np.linalg.solve(free, np.diag([wheel.viscous for wheel in wheels]))
+    rates, parts = np.linalg.eig(slowing)
+    fastest = rates.real.argmax()
+    rate, share = float(rates.real[fastest]), abs(parts[:, fastest])
+    names = [wheel.name for wheel, part in zip(wheels, share.tolist(), strict=True) if part > 0.1 * share.max()]
+    found = " and ".join(names) + (" is slowed by its" if len(names) == 1 else " are slowed by their")
+    return rate, f"{found} viscous friction within {1.0 / rate:.2g} s"
 
 
 def require_contained(effects: Sequence[Effect], body: RigidBody) -> None:

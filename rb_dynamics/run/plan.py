@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method, array_steps
@@ -277,14 +278,13 @@ def control_of(scene: Scene, method: Method, start: Vector, horizon: float) -> S
         expected = f"a number of {SHORTEST_STEP:g} or more (s), because shorter steps would not advance the run"
         control = FixedStep(number(solver.step, "solver.step", expected, SceneError, least=SHORTEST_STEP))
         control.require_few(scene.end_ns or 0, f"{scene.source}: solver.step", SceneError)
-        for wheel in scene.wheels:
-            slowing = wheel.friction_rate(scene.body)
-            if method.tableau is not None and slowing * solver.step > stable_until(method.tableau):
-                raise ConvergenceError(
-                    f"{scene.source}: solver.step: found {solver.step:g} s, expected {1.0 / slowing:.1g} s or less, as "
-                    f"{wheel.name} is slowed by its viscous friction within {1.0 / slowing:.2g} s: {method.name} is "
-                    "unstable there, and errors of the speed would grow with each step; write that, or solver.accuracy"
-                )
+        slowing, slowed = friction_rate(scene.wheels, scene.body)
+        if method.tableau is not None and slowing * solver.step > stable_until(method.tableau):
+            raise ConvergenceError(
+                f"{scene.source}: solver.step: found {solver.step:g} s, expected {1.0 / slowing:.1g} s or less, as "
+                f"{slowed}: {method.name} is unstable there, and errors of the speed would grow with each step; write "
+                "that, or solver.accuracy"
+            )
         return control
     accuracy = solver.accuracy or DEFAULT_ACCURACY
     if method.longest_step is not None:

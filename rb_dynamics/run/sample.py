@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
-# Below this speed, m/s or rad/s, a body is at rest.
-_STILL = 1e-12
+# Error of the energy from which fixed steps count as too long; speed (m/s or rad/s) below which a body is at rest.
+_UNBALANCED, _STILL = 0.1, 1e-12
 
 # By the beginning of the names of fields and columns.
 _UNITS = {
@@ -89,14 +89,17 @@ class Sample:
     friction_heat: float | None = None
 
 
-def energy_off(body: RigidBody, sample: Sample) -> float:
-    """Return the energy that the motion gained or lost by errors alone, over the largest in its balance; 0 at rest."""
-    heat, motor = sample.friction_heat or 0.0, sample.motor_work or 0.0
-    start = sample.kinetic_energy - sample.work - sample.energy_defect
-    largest = max(map(abs, (sample.kinetic_energy, sample.work, start, heat, motor)))
+def too_long(step: float | None, body: RigidBody, kinetic_energy: float, work: float, defect: float) -> str:
+    """Return that fixed steps (s) put the energy of a motion off by a tenth or more; "" if not, or without `step`."""
+    largest = max(kinetic_energy, abs(work), abs(kinetic_energy - work - defect))
     # Of a body that hardly moves, all of this is rounding.
     hardly = 0.5 * _STILL * _STILL * (body.mass + sum(body.principal_moments))
-    return abs(sample.energy_defect) / largest if largest > hardly else 0.0
+    if step is None or largest <= hardly or abs(defect) <= _UNBALANCED * largest:
+        return ""
+    return (
+        f"the energy of the motion is off by {100.0 * abs(defect) / largest:.2g} %: steps of {step:g} s are too long "
+        "for it; take shorter ones, or give solver.accuracy"
+    )
 
 
 def kinetic_energy(body: RigidBody, phase: PhaseState) -> float:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
+from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -129,14 +130,12 @@ def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
 def _steps_too_long(scene: Scene) -> list[str]:
     """Return the wheels whose imbalance or friction fixed steps are too long to resolve; none if short enough."""
     step, found = scene.solver.step, []
-    for wheel in scene.wheels:
-        slowing = wheel.friction_rate(scene.body)
-        if step is not None and slowing * step > _SLOWED:
-            found.append(
-                f"{wheel.name} is slowed by its viscous friction within {1.0 / slowing:.2g} s, which steps of {step:g} "
-                "s do not resolve: its speed and the energy may be far off; take a step of "
-                f"{1.0 / slowing:.1g} s or less, or give solver.accuracy"
-            )
+    slowing, slowed = friction_rate(scene.wheels, scene.body)
+    if step is not None and slowing * step > _SLOWED:
+        found.append(
+            f"{slowed}, which steps of {step:g} s do not resolve: its speed and the energy may be far off; take a step "
+            f"of {1.0 / slowing:.1g} s or less, or give solver.accuracy"
+        )
     for wheel in scene.wheels:
         speed = max(abs(wheel.speed), 0.0 if math.isinf(wheel.max_speed) else wheel.max_speed)
         if step is not None and not wheel.is_balanced and speed * step > RESOLVED:

@@ -66,7 +66,7 @@ from rb_dynamics.run.input_hash import RULE, InputHash
 from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
-from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, energy_off, kinetic_energy
+from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy, too_long
 from rb_dynamics.run.sink import Event, RunInfo, Sink
 from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
@@ -85,9 +85,6 @@ Command = tuple[str, "Wrench | Setpoint"]
 _logger = logging.getLogger(__name__)
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
-
-UNBALANCED = 0.1
-"""Error of the energy from which fixed steps count as too long."""
 
 # ns: for so long a motion in closed form must be possible from a state to which the body is moved, under a torque; free
 # motion must be up to the next change that is known, or the end, or of a run without one for so long as its accuracy.
@@ -653,13 +650,9 @@ class Simulation:
     @property
     def remarks(self) -> list[str]:
         """Warnings about limits that were nearly reached so far and steps that are too long, in full sentences."""
-        found, step = list(self._remarks.values()), self.scene.solver.step
-        if step is not None and (off := energy_off(self.scene.body, self.sample)) > UNBALANCED:
-            found.append(
-                f"the energy of the motion is off by {100.0 * off:.2g} %: steps of {step:g} s are too long for it; "
-                "take shorter ones, or give solver.accuracy"
-            )
-        return found
+        now, scene = self.sample, self.scene
+        long = too_long(scene.solver.step, scene.body, now.kinetic_energy, now.work, now.energy_defect)
+        return [*self._remarks.values(), *([long] if long else [])]
 
     def _look_at_wheels(self, wheels: WheelSet) -> None:
         """Record the first time at which each wheel is near a limit."""

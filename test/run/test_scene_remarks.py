@@ -10,6 +10,7 @@ import pytest
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
+from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -133,8 +134,25 @@ def test_a_wheel_that_friction_slows_within_a_step_is_named() -> None:
     assert not scene_remarks(parse_scene(STIFF.replace("step: 0.003", "accuracy: 1.0e-9")))
     # How fast the speed falls in a run that resolves it.
     end = rb.simulate(replace(scene, solver=rb.Solver("auto", accuracy=1e-12), duration=0.003)).sample
-    (wheel,) = scene.wheels
-    assert end.wheel_speeds[0] == pytest.approx(18 * math.exp(-0.003 * wheel.friction_rate(scene.body)), rel=1e-9)
+    rate, _ = friction_rate(scene.wheels, scene.body)
+    assert end.wheel_speeds[0] == pytest.approx(18 * math.exp(-0.003 * rate), rel=1e-9)
+
+
+def test_friction_of_wheels_that_share_a_body_slows_them_together() -> None:
+    """Two alike on one axis hold 9 tenths of the body's inertia about it: turning together, they are slowed faster."""
+    wheel = "{type: reaction_wheel, inertia: 0.9, axis: [0, 0, 1], speed: 1, friction: {viscous: 1.8}"
+    text = (
+        "body: {mass: 1, inertia: {diagonal: [1.5, 1.9, 2]}}\nwrenches: []\nduration: 0.05\n"
+        f"actuators: [{wheel}, name: a}}, {wheel}, name: b}}]\nsolver: "
+    )
+    scene = parse_scene(f"{text}{{method: dverk, step: 0.05}}")
+    rate, slowed = friction_rate(scene.wheels, scene.body)
+    assert rate == pytest.approx(1.8 / (0.9 * (1.0 - 0.9)))
+    assert slowed == "a and b are slowed by their viscous friction within 0.05 s"
+    end = rb.simulate(parse_scene(f"{text}{{method: auto, accuracy: 1.0e-12}}")).sample
+    assert end.wheel_speeds == pytest.approx([math.exp(-0.05 * rate)] * 2, rel=1e-9)
+    with pytest.raises(rb.ConvergenceError, match="a and b are slowed"):
+        rb.simulate(parse_scene(f"{text}{{method: dverk, step: 0.25}}"))
 
 
 @pytest.mark.parametrize(("method", "longest"), [("dop853", 0.0062), ("dverk", 0.0039)])

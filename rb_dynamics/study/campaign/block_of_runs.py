@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.run.sample import too_long
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.block_propagation import (
@@ -258,6 +259,7 @@ def _advance(
     end_ns = scene.end_ns or 0
     loop = _closed(campaign, runs, bodies)
     next_look_ns = next_sample_ns = 0
+    ruined: Mapping[int, str] = {}
     while True:
         sampling = loop is not None and loop.period_ns > 0 and next_sample_ns < end_ns
         time_ns = min(next_look_ns, end_ns)
@@ -277,12 +279,23 @@ def _advance(
             if sampling and loop is not None:
                 loop.sample(time_ns, samples, bodies.onboard())
                 next_sample_ns += loop.period_ns
+            ruined = _ruined(runs, samples) if time_ns >= end_ns else {}
             # Of samples that nobody has any more, nothing need be computed.
             del samples
         if time_ns >= end_ns or (loop is not None and len(loop.failed) == len(runs)):
-            return bodies.failed if loop is None else loop.end()
+            return {**ruined, **(bodies.failed if loop is None else loop.end())}
         if loop is not None and not isinstance(bodies, WithWheels) and (held := loop.commanded(time_ns)) is not None:
             bodies.hold(*held)
+
+
+def _ruined(runs: Sequence[_Run], samples: Samples) -> Mapping[int, str]:
+    """Return which motions fixed steps are too long for, at the end, and why, by index."""
+    if all(run.scene.solver.step is None for run in runs):
+        return {}
+    energies = (samples.kinetic_energy.tolist(), samples.work.tolist(), samples.energy_defect.tolist())
+    found = enumerate(zip(runs, *energies, strict=True))
+    each = {place: too_long(run.scene.solver.step, run.scene.body, *numbers) for place, (run, *numbers) in found}
+    return {place: why for place, why in each.items() if why}
 
 
 class _Closed:

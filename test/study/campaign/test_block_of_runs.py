@@ -327,6 +327,29 @@ metrics: {final_rate: {final: rate}}
     assert math.isnan(found["final_rate"][bad[0]])
 
 
+def test_runs_that_fixed_steps_ruin_are_failed_ones(tmp_path: Path) -> None:
+    """Under drag of 100/s, steps of 0.05 s are beyond the stability of rk4; at 1/s they are not."""
+    scene = (
+        "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {linear_velocity_world: [1, 0, 0]}\nwrenches: []\n"
+        "effects: [{type: linear_drag, translation: 1}]\nsolver: {method: rk4, step: 0.05}\nduration: 2\n"
+    )
+    text = """\
+scene: scene.yaml
+runs: 6
+sampling: latin_hypercube
+disperse: {"effects[0].translation": {choice: {values: [1.0, 100.0], weights: [1, 1]}}}
+metrics: {final_energy: {final: energy}}
+"""
+    campaign = read_campaign(write(tmp_path, text, scene))
+    found = simulate_block(campaign, 0, 6)
+    bad = [run for run in range(6) if found["effects[0].translation"][run] > 1.0]
+    assert len(bad) == 3
+    assert ["steps of 0.05 s are too long" in error for error in found["error"]] == [run in bad for run in range(6)]
+    with pytest.raises(FunctionError) as failed:
+        simulate_alone(campaign, bad[0])
+    assert str(failed.value) == found["error"][bad[0]]
+
+
 def test_a_sample_that_is_no_scene_is_named(tmp_path: Path) -> None:
     text = """\
 scene: scene.yaml
