@@ -219,8 +219,8 @@ class Model:
             )
         if lagging := [channel.topic for channel in self.scene.channels if channel.lag]:
             raise SceneError(
-                f"{source}: wrenches: found a lag of {', '.join(lagging)}, expected none of a flight that is "
-                "identified, as commands are taken to act at once; leave it out where it hardly counts, or fit delay"
+                f"{source}: wrenches: found a lag of {', '.join(lagging)}, expected none, as commands are "
+                "taken to act at once; leave it out where it hardly counts, or let identify fit delay"
             )
         kinds: list[type] = []
         for effect in self.scene.effects:
