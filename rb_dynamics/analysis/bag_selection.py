@@ -9,7 +9,7 @@ import numpy as np
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import INERTIA
-from rb_dynamics.formats.topic_messages import KEPT, Topic
+from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
 from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
 
@@ -41,21 +41,27 @@ def part_of(track: Track, window_s: Window) -> Bag:
     line = ClockLine()
     if stamped and not track.own and stamped[0].stamps_given:
         line = StampClock.of(stamped[0].log_times, stamped[0].stamps).line
-    topics = {name: _part(topic, begin, end, line) for name, topic in track.bag.topics.items()}
-    return replace(track.bag, topics=topics, cut=True, zero_ns=zero_ns)
+    parts = {name: _part(topic, begin, end, line) for name, topic in track.bag.topics.items()}
+    logged = np.concatenate([times for _, times in parts.values()])
+    cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
+    return replace(
+        track.bag, topics={name: topic for name, (topic, _) in parts.items()}, cut_ns=cut_ns, zero_ns=zero_ns
+    )
 
 
-def _part(topic: Topic, begin: int, end: int, line: ClockLine) -> Topic:
+def _part(topic: Topic, begin: int, end: int, line: ClockLine) -> tuple[Topic, Times]:
+    """Return the messages from `begin` to `end` and those that are kept too, and the log times of the first alone."""
     if not topic.count:
-        return topic
+        return topic, topic.log_times
     known = topic.type_name in KEPT
     times = topic.stamps if known and topic.stamps_given else line.stamps(topic.log_times)
     rows = (times >= begin) & (times <= end)
+    logged = topic.log_times[rows]
     if topic.type_name in WRENCHES:
         before = np.flatnonzero(times < begin)
         if len(before):
             rows[before[times[before].argmax()]] = True
-    return topic.only(rows | (topic.type_name == INERTIA))
+    return topic.only(rows | (topic.type_name == INERTIA)), logged
 
 
 def _reversed(window_s: Window) -> bool:

@@ -107,7 +107,7 @@ def missing(track: Track) -> str:
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
     # A run begins at 0; a later file of a bag, alone, does not.
-    if track.own and start > 0 and not track.bag.cut and not any(begin < start for begin, _ in track.bag.missing):
+    if track.own and start > 0 and not track.bag.cut_ns and not any(begin < start for begin, _ in track.bag.missing):
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
 
@@ -171,13 +171,15 @@ def _late(series: TimeSeries, track: Track) -> str:
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:
         return ""
+    low, high = track.bag.cut_ns or (-(2**63), 2**63 - 1)
     others = [
-        each
+        (times, each.name)
         for each in track.bag.topics.values()
-        if each.count and not each.type_name.startswith(_OF_ROS) and not is_latched(each.qos)
+        if not each.type_name.startswith(_OF_ROS) and not is_latched(each.qos)
+        if len(times := each.log_times[(each.log_times >= low) & (each.log_times <= high)])
     ]
-    begin, first = min((int(each.log_times.min()), each.name) for each in others)
-    end, last = max((int(each.log_times.max()), each.name) for each in others)
+    begin, first = min((int(times.min()), name) for times, name in others)
+    end, last = max((int(times.max()), name) for times, name in others)
     apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
     late, early = int(own.log_times.min()) - begin, end - int(own.log_times.max())
     lacks = [f"it begins {late * 1e-9:.6g} s after the recording does, with {first}"] if late > apart else []

@@ -232,7 +232,7 @@ def _numbers(track: Track, wanted: Mapping[str, str]) -> dict[str, tuple[Times, 
     found = {name: (topic.stamps, topic.numbers) for name, topic in topics.items()}
     if speeds:
         found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))
-    first_ns, last_ns = track.span_ns if track.bag.cut else (-(2**63), 2**63 - 1)
+    first_ns, last_ns = track.span_ns if track.bag.cut_ns else (-(2**63), 2**63 - 1)
     for name, (times, rows) in found.items():
         kept = (times >= first_ns) & (times <= last_ns) & np.isfinite(rows).all(axis=1)
         found[name] = times[kept], rows[kept]

@@ -65,9 +65,9 @@ def self_consistency(track: Track) -> list[Check]:
     scene = logged_scene(track.bag.attachments)
     found = [_odometry(track), _momenta(track, scene)]
     # In a part of a log the rest is not known: where it begins, and what came before.
-    if not track.bag.cut:
+    if not track.bag.cut_ns:
         found.insert(0, _energy(track))
-    if scene is not None and not track.bag.cut:
+    if scene is not None and not track.bag.cut_ns:
         found += [_applied(track, scene), _FitsScene(track, scene).check()]
     return [check for check in found if check is not None]
 

@@ -96,8 +96,8 @@ class TimeSeries:
     def hangs(self) -> list[tuple[int, int]]:
         """As `stamp_order.hangs`; samples that repeat the one before do not count."""
         at = np.flatnonzero(np.diff(self.time_ns) == 0)
-        one, next_ = (self.values.reshape(len(self.time_ns), -1)[rows] for rows in (at, at + 1))
-        again = ((one == next_) | (np.isnan(one) & np.isnan(next_))).all(axis=1)
+        one, next_ = (self.values[rows] for rows in (at, at + 1))
+        again = ((one == next_) | (np.isnan(one) & np.isnan(next_))).all(axis=tuple(range(1, one.ndim)))
         return hangs(np.delete(self.time_ns, at[again]))
 
     def faults(self, start_ns: int) -> list[str]:

@@ -53,7 +53,8 @@ class Bag:
         whole: the file itself has its end, which a recovered one has too.
         boundaries: where one file ends and the next begins, of several in which nothing is missing between the two.
         pairs: names of the topics that are a pair of frames.
-        cut: this is a part that was taken out of what was recorded.
+        cut_ns: first and last log time of the part that was taken out of what was recorded, without what is held from
+            before; None: this is the whole.
         zero_ns: from when times of such a part count, as those of the whole do; None: from the start of the motion.
 
     Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
@@ -68,7 +69,7 @@ class Bag:
     whole: bool = True
     boundaries: tuple[FileBoundary, ...] = ()
     pairs: set[str] = field(default_factory=set)
-    cut: bool = False
+    cut_ns: tuple[int, int] | None = None
     zero_ns: int | None = None
 
     @property

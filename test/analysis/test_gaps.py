@@ -7,7 +7,9 @@ import pytest
 from bag_rows import STAMPED, add, stamped
 from tumbling import bag_of, failing, spin, summary_of
 
+from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.gaps import silences, told
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats.topic_messages import Topic
 
 STEP = 10_000_000
@@ -47,6 +49,20 @@ def test_a_stream_that_begins_late_or_ends_early_is_named(missing: tuple[int, in
     part = spin().taken(rows[(rows < begin) | (rows >= end)])
     assert words in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
     assert "/b/twist" in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
+
+
+def test_a_part_begins_with_its_motion_and_not_with_the_wrench_that_is_held_into_it() -> None:
+    assert not failing(part_of(read_track(bag_of(spin(), wrench=True)), (5.0, None)))
+    rows = np.arange(1000)
+    late = bag_of(spin().taken(rows[rows >= 700]), twist=spin(), wrench=True)
+    assert "begins 2 s after" in failing(part_of(read_track(late), (5.0, None)))["/b/pose is whole"]
+
+
+def test_a_topic_without_a_usable_message_fails_alone() -> None:
+    bag = bag_of(spin(), twist_rows=np.full((1000, 6), np.nan))
+    assert failing(bag) == {
+        "/b/twist is whole": "1000 of 1000 messages have a number that is not finite or too large"
+    }
 
 
 def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
