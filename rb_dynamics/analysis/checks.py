@@ -112,6 +112,17 @@ def missing(track: Track) -> str:
     return "; ".join(told)
 
 
+def losses(track: Track) -> list[str]:
+    """Return what of a recording is missing, left out or doubtful, as text, for what goes on with the rest."""
+    told = [*filter(None, (cut(track), missing(track))), *track.faults]
+    damaged = {topic.name: len(topic.damaged) for topic in _damaged(track)}
+    for series in _motion(track):
+        if (unusable := series.unusable - damaged.get(series.topic, 0)) > 0:
+            of = f"{unusable} of {series.count} messages of {series.topic}"
+            told.append(f"{of} have a number that is not finite or too large, and are left out")
+    return told
+
+
 def _motion(track: Track) -> list[TimeSeries]:
     """Return pose and twist; if both are from one topic, only the one that lacks more rows."""
     found: dict[str, TimeSeries] = {}

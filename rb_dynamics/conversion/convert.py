@@ -31,7 +31,7 @@ from rb_dynamics.conversion.bag_to_table import (
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, version
+from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, SCENE, loss, version
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
@@ -224,6 +224,8 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
             skip(path, error)
             continue
         found = True
+        if skip is not None and (lost := loss(source.complete, source.metadata)):
+            skip(path, LogError(f"{path} {lost}"))
         yield _Input(source.path, source, kinds, first.get(True, first.get(False, 0)), counts)
 
 
@@ -348,7 +350,7 @@ def log_to_rerun(
     from rb_dynamics.sinks.rerun_sink import RerunSink
 
     require_other(target, log)
-    (found,) = _looked_through([log], None, bool(topics))
+    (found,) = _looked_through([log], skip, bool(topics))
     if topics or not found.own:
         quantities_of(found.kinds, str(found.path), topics)
         _name_left_out(found, topics)

@@ -53,3 +53,13 @@ def version(package: str = "rb_dynamics") -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed"
+
+
+def loss(complete: bool, metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """Return that a part of a bag is lost, to be said of its path; "" if none is known to be.
+
+    `complete` and `metadata` are as reading the bag to its end leaves them.
+    """
+    if complete and INTERRUPTED not in metadata and not next_file(metadata):
+        return ""
+    return f"was {metadata.get(INTERRUPTED, {}).get('reason', CUT_OFF)}: what is missing is lost"

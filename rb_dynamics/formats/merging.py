@@ -16,7 +16,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
-from rb_dynamics.formats.log_metadata import RUN, SCENE, version
+from rb_dynamics.formats.log_metadata import RUN, SCENE, loss, version
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_definitions import schema_text
@@ -88,8 +88,8 @@ def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) 
             first, last = ends.get(number, (message.log_time, message.log_time))
             ends[number] = min(first, message.log_time), max(last, message.log_time)
         for source in sources:
-            if not source.complete:
-                found.notes.append(f"{source.path} was cut off: what comes later is lost.")
+            if lost := loss(source.complete, source.metadata):
+                found.notes.append(f"{source.path} {lost}.")
         if not found.messages:
             raise LogError(f"{target}: found no message to write, expected some; give other times, or another bag")
         told = {MERGED: {"sources": ", ".join(source.path.name for source in sources)}}

@@ -18,7 +18,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.channel_metadata import QOS
-from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, next_file
+from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, loss, next_file
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
@@ -187,7 +187,7 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
         bag.pairs.clear()
     bag.whole = file.complete
     bag.boundaries = tuple(file.boundaries) if isinstance(file, SplitBag) else ()
-    bag.complete = file.complete and INTERRUPTED not in file.metadata and not bag.next_file
+    bag.complete = not loss(file.complete, file.metadata)
     return bag
 
 

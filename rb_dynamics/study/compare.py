@@ -13,6 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.interpolated_signal import MotionSignals
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.recording_differences import MOTION, Bound, Comparison, Given, compare_tracks
@@ -192,11 +193,7 @@ class _Flights:
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
-        self.notes += [f"{bag.path}: {fault}." for fault in track.faults]
-        for series in (track.pose, track.twist):
-            if series is not None and series.unusable:
-                of = f"{series.unusable} of {series.count} messages of {series.topic}"
-                self.notes.append(f"{bag.path}: {of} have a number that is not finite or too large, and are left out.")
+        self.notes += [f"{bag.path}: {each}." for each in losses(track)]
         motion = [each.topic for each in (track.pose, track.twist) if each is not None] if self._one_bag else []
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 

@@ -19,7 +19,7 @@ import numpy as np
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.log_metadata import RESULT, RUN
+from rb_dynamics.formats.log_metadata import RESULT, RUN, loss
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.output_file import require_other
 from rb_dynamics.formats.yaml import document
@@ -82,7 +82,8 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         if at < time_ns and np.isfinite((*wrench.force, *wrench.torque)).all()
     ]
     state = _state_at(scene, received, time_ns)
-    end_ns, notes = scene.end_ns, []
+    end_ns, lost = scene.end_ns, loss(source.complete, source.metadata)
+    notes = [f"{source.path} {lost}"] * bool(lost)
     if logged is not None and not _agrees(state, logged):
         raise LogError(
             f"{source.path}: a repetition reaches another state at {time_ns / 1e9:.9g} s than the log has, expected "

@@ -11,8 +11,10 @@ import pytest
 from campaigns import write as write_campaign
 from command_line import command
 
+from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.scene import read_scene
 
 SCENE = (
     "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0.1, 2, 0.1]}\n"
@@ -63,6 +65,30 @@ def test_a_full_disk_stops_the_log_and_not_the_run(scene: Path, tmp_path: Path) 
     inspected = command("inspect", log)
     assert inspected.returncode == 1
     assert "cut off" in inspected.stdout
+
+
+@pytest.mark.parametrize("recovered", [False, True])
+def test_whatever_goes_on_with_a_log_that_was_cut_off_says_so(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], recovered: bool
+) -> None:
+    log, cut, target = tmp_path / "run.mcap", tmp_path / "cut.mcap", tmp_path / "out"
+    assert main(["simulate", str(scene), "--mcap", str(log)]) == 0
+    cut.write_bytes(log.read_bytes()[: len(log.read_bytes()) // 2])
+    if recovered:
+        assert main(["recover", str(cut), str(tmp_path / "saved.mcap")]) == 0
+        cut = tmp_path / "saved.mcap"
+    capsys.readouterr()
+    for code, *arguments in (
+        (1, "convert", cut, target.with_suffix(".csv")),
+        (1, "convert", log, cut, target.with_suffix(".csv")),
+        (0, "convert", cut, target.with_suffix(".mcap")),
+        (0, "convert", cut, target.with_suffix(".yaml"), "--at", "0.5"),
+    ):
+        assert main([*map(str, arguments)]) == code, arguments
+        assert f"{cut} was cut off: what is missing is lost" in capsys.readouterr().err, arguments
+    assert main(["compare", str(log), str(cut)]) == 0
+    assert f"note      {cut}: cut off at t = " in capsys.readouterr().out
+    assert any(note.startswith("cut off at t = ") for note in read_flight(cut, read_scene(scene)).notes)
 
 
 def test_a_log_that_cannot_be_begun_is_bad_input(scene: Path, tmp_path: Path) -> None:

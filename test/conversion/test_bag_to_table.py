@@ -219,6 +219,9 @@ def test_damaged_messages_are_left_out_and_named(tmp_path: Path, bad: tuple[int,
         found = command("convert", bag, tmp_path / "out.rrd")
         assert (found.returncode, found.stdout) == (1, f"wrote {tmp_path / 'out.rrd'}: {2 * len(good)} rows\n")
         assert left in found.stderr
+    bag.write_bytes(bag.read_bytes()[:-4])
+    found = command("convert", bag, target, "--frames", "map:base")
+    assert (found.returncode, f"{bag} was cut off: what is missing is lost" in found.stderr) == (1, True)
 
 
 def test_a_bag_of_which_no_message_can_be_read_is_refused(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
+from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
@@ -255,7 +256,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         )
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
-    notes += track.faults
+    notes += losses(track)
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)

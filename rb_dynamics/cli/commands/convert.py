@@ -144,7 +144,7 @@ def _poses(
     from rb_dynamics.analysis.transform_tree import pose_between
     from rb_dynamics.conversion.bag_to_table import Poses
     from rb_dynamics.errors import LogError
-    from rb_dynamics.formats.log_metadata import RUN
+    from rb_dynamics.formats.log_metadata import RUN, loss
     from rb_dynamics.logs.bag_reader import read_bag
 
     found = False
@@ -152,6 +152,8 @@ def _poses(
         try:
             bag = read_bag(path)
             pose = pose_between(bag, *frames)
+            if lost := loss(bag.complete, bag.metadata):
+                skip(path, LogError(f"{path} {lost}"))
             used = {name.partition(" ")[0] for name in pose.topics}
             for topic in (each for each in bag.topics.values() if each.name in used and each.damaged):
                 skip(path, LogError(f"{path}: topic {topic.name}: {topic.unread}"))
