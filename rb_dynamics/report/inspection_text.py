@@ -273,8 +273,14 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     elif left.bias is not None:
         verdict = f"NO inertia explains the motion.{_bias(left, 'does')}"
     else:
-        lacks = "commanded" if left.recorded else "recorded"
-        verdict = f"NO inertia explains the motion: a torque acted that was not {lacks}. {_strongest(left, zero_ns)}"
+        given, causes = "without a torque, and none is recorded", "a torque that was not recorded"
+        if left.recorded:
+            given = "with the commands as recorded"
+            causes = "a torque that was not commanded, commands of another sign, frame or time"
+        verdict = (
+            f"NO inertia explains the motion {given}. {_strongest(left, zero_ns)} Possible causes: {causes}, or a body "
+            "that changed: inspect its parts with --from and --to."
+        )
     return f"{verdict}{_part(left, zero_ns)}{_one_axis(left)} {size}{_mass(left)}"
 
 
@@ -341,8 +347,8 @@ def _strongest(left: Residual, zero_ns: int) -> str:
     begin, end = (_short((time_ns - zero_ns) * 1e-9) for time_ns in (found.start_ns, found.end_ns))
     body, world = (_vector(mean.tolist()) for mean in (found.torque_body, found.torque_world))
     return (
-        f"It was strongest from t = {begin} to {end} s: {body} N m in body axes on average, {world} in world axes; at "
-        f"most {found.peak:.3g} N m."
+        f"The torque that would was strongest from t = {begin} to {end} s: {body} N m in body axes on "
+        f"average, {world} in world axes; at most {found.peak:.3g} N m."
     )
 
 

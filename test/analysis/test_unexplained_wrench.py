@@ -156,7 +156,9 @@ def test_a_robot_on_the_ground_tells_of_a_torque_and_nothing_of_its_inertia(nois
     np.testing.assert_allclose(left.inertia, np.diag([0.6, 1.5, 1.7]), rtol=1e-4, atol=1e-4)
     assert left.best == pytest.approx(left.relative, rel=1e-3)
     said = residual_sentence(left, 0)
-    assert f"a torque acted that was not {'commanded' if wrench else 'recorded'}" in said
+    given = "with the commands as recorded" if wrench else "without a torque, and none is recorded"
+    assert f"NO inertia explains the motion {given}. " in said
+    assert f"a torque that was not {'commanded' if wrench else 'recorded'}" in said
     assert (
         "turns about one axis only, (0, 0, 1) in body axes: without recorded torques, the recording tells nothing"
         in said
