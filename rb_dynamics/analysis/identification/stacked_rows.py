@@ -12,6 +12,9 @@ from rb_dynamics.analysis.track import Array
 RUNAWAY = 1e12
 """Times the noise: a residual that large is not that of a moving body."""
 
+_SENSITIVE = 1e14
+"""Times the noise: below such a derivative the rounding of a state (1e-16) moves the motion by less than the noise."""
+
 # Of a matrix that are decomposed at a time: no large one is copied.
 _ROWS = 1 << 14
 
@@ -27,14 +30,15 @@ def tame(left: Array, by: Array) -> tuple[Array, Array]:
     """Return residuals and derivatives with finite numbers: if the motion diverges, their squares have none."""
     if sane(left, by):
         return left, by
-    left, by = (np.nan_to_num(np.clip(part, -RUNAWAY, RUNAWAY), nan=of) for part, of in ((left, RUNAWAY), (by, 0.0)))
+    ends = (left, RUNAWAY, RUNAWAY), (by, _SENSITIVE, 0.0)
+    left, by = (np.nan_to_num(np.clip(part, -end, end), nan=of) for part, end, of in ends)
     return left, by
 
 
 def sane(*parts: Array, unit: float = 1.0) -> bool:
-    """Return whether residuals and derivatives, in units of the noise, are finite and have not diverged."""
+    """Return whether residuals, and derivatives if given, in units of the noise, are finite and have not diverged."""
     largest = (max(float(each.max(initial=0.0)), -float(each.min(initial=0.0))) for each in parts)
-    return all(each < RUNAWAY * unit for each in largest)
+    return all(each < limit * unit for each, limit in zip(largest, (RUNAWAY, _SENSITIVE), strict=False))
 
 
 def triangle(matrix: Array) -> Array:
