@@ -217,10 +217,10 @@ def friction_rate(wheels: Sequence[ReactionWheel], body: RigidBody) -> tuple[flo
 
     Wheels share the body: those that turn together may be slowed faster than each alone.
     """
-    import numpy as np
-
     if not any(wheel.viscous for wheel in wheels):
         return 0.0, ""
+    import numpy as np
+
     # J (W' + A w') = -v W, and I w' + A^T J W' = 0, with a row of A for each axis.
     inertia = np.array([wheel.inertia for wheel in wheels])
     momenta = inertia[:, None] * np.array([wheel.axis_in(body) for wheel in wheels])

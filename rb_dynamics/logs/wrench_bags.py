@@ -740,8 +740,8 @@ class _Commands(NamedTuple):
         # Where its time in the run is another than its stamp, a message of its own has that.
         stands = (self.time_ns[rows] == self.stamps[rows]).tolist()
         begins, ends = self.block.begins[rows], self.block.ends[rows]
-        first = int(begins[0]) if len(rows) else 0
-        data = self.block.data[first : int(ends.max(initial=first))].tobytes()
+        first = int(begins.min(initial=len(self.block.data)))
+        data = self.block.data[first : int(ends.max(initial=0))].tobytes()
         places = zip(stands, (begins - first).tolist(), (ends - first).tolist(), strict=True)
         return [data[begin:end] if stand else None for stand, begin, end in places]
 

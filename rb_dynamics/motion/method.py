@@ -182,7 +182,7 @@ def stable_until(tableau: SparseTableau) -> float:
     for x in count(1):
         slopes: list[float] = []
         for row in (*tableau.rows, tableau.weights):
-            slopes.append(1.0 - 0.1 * x * sum(weight * slopes[k] for k, weight in row))
+            slopes.append(1.0 - 0.1 * x * math.fsum(weight * slopes[k] for k, weight in row))
         if abs(slopes[-1]) > 1.0:
             return 0.1 * (x - 1)
     return math.inf

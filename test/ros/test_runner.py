@@ -718,7 +718,7 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
         body.tick()
         longest = max(longest, time.process_time() - begun)
     assert longest < 0.1
-    assert 0 < body.simulation.computed_ns - before_ns < 50_000_000
+    assert 0 < body.simulation.computed_ns - before_ns < 500_000_000
     status = body.health.status(body.simulation, body.pacer, "running")
     assert int(status.values["overruns"]) > 0
     assert "the machine is too slow" in status.message
