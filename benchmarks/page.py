@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from found import Row, StepRow
 from matplotlib.figure import Figure
 from peers.c import COMMON, FLAGS
-from written import processor, svg, table
+from written import processor, svg, table, wrapped
 
 if TYPE_CHECKING:
     from peers.problem import Problem
@@ -63,7 +63,7 @@ def write(results: Results, steps: StepTables, versions: Mapping[str, str], miss
         losses=losses(results, steps),
         step_title=STEPS,
     )
-    (DOCS / "benchmarks.md").write_text(text, encoding="utf-8")
+    (DOCS / "benchmarks.md").write_text(wrapped(text), encoding="utf-8")
 
 
 def machine() -> str:
@@ -219,7 +219,9 @@ def figure(task: Problem, rows: Sequence[Row]) -> Figure:
 PAGE = """# Benchmarks
 
 This page compares the package with other programs on the same problems, on one machine and in one session. `make bench`
-measures all figures and writes this page.
+measures all figures and writes this page. What whole commands take, bag, logs and start of Python included, is on [a
+page of its own](whole-runs.md). Campaigns are [with the campaigns](campaigns.md#speed), the node is [with
+ROS](ros.md#rate).
 
 - **Times** are medians over several turns in which every program runs once (A B C A B C); ratios are medians of the
   ratios within each turn. "Times ours" is the ratio to our fastest way. Times are those of the run alone. Import,

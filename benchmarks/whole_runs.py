@@ -25,7 +25,7 @@ import numpy as np
 from compare import ladder, started
 from peers.problem import Problem, problem
 from peers.reference import reference
-from written import processor, table
+from written import processor, table, wrapped
 
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
@@ -193,7 +193,7 @@ def page(
         f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole "
         "command, and the rate beyond that of the same command without a log.\n\n"
     )
-    return text + table(["log", "an output", "rate"], logs)
+    return wrapped(text + table(["log", "an output", "rate"], logs))
 
 
 def _is_there(name: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import platform
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -23,6 +24,19 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) ->
     """Return a table; its first `words` columns are not numbers."""
     lines = [head, ["---"] * words + ["---:"] * (len(head) - words), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def wrapped(text: str) -> str:
+    """Return Markdown with lines of at most 120 characters, except in tables, headings and pictures."""
+
+    def lines(line: str) -> str:
+        if len(line) <= 120 or line.startswith(("|", "#", "!")):
+            return line
+        begin = " " * (len(line) - len(line.lstrip()))
+        rest = begin + "  " * line.lstrip().startswith("- ")
+        return textwrap.fill(line, 120, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False)
+
+    return "\n".join(map(lines, text.split("\n")))
 
 
 def svg(name: str, drawn: Figure) -> bytes:
