@@ -119,8 +119,7 @@ def odometry_of(log: Path, bag: Path, factor: float = 1.0) -> Path:
 def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The numbers of a sample, some 200 bytes, stand in files, from the first full block on."""
     small_blocks(monkeypatch, 1000)
-    # The first one also fills what stays for the next: modules, tables. A peak is off by a block or what waits to be
-    # collected, some 0.7 MB.
+    # The first one also fills what stays for the next: modules, tables. A peak was once 0.75 MB higher than another.
     peaks = [peak_of_inspect(spun(tmp_path / "run.mcap", samples)) for samples in (1000, 11000, 31000)]
     assert (peaks[2] - peaks[1]) / 20000 < 50
 
