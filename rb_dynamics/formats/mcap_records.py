@@ -160,6 +160,12 @@ class MessageBlock(NamedTuple):
         places = zip(self.log_times.tolist(), self.begins.tolist(), self.ends.tolist(), strict=True)
         return [Message(self.channel, at, at, self.data[begin:end].tobytes()) for at, begin, end in places]
 
+    def alone(self) -> MessageBlock:
+        """Return the messages with a copy of their own bytes alone."""
+        ends = np.cumsum(self.ends - self.begins)
+        data = np.concatenate([rows.ravel() for rows in self.rows()])
+        return self._replace(data=data, begins=ends - (self.ends - self.begins), ends=ends, apart=None)
+
     def rows(self) -> list[NDArray[np.uint8]]:
         """Return the content of the messages: all in one array where they are of one length, else each in its own.
 
@@ -481,26 +487,35 @@ class McapFile:
             first, last = (_MESSAGE_HEAD.unpack_from(data, layout.begins[row])[2] for row in (0, -1))
             self.span_ns = first if self.span_ns is None else self.span_ns[0], last
 
-    def _one_by_one(self, data: bytes, layout: _Layout, _: _Heads) -> Iterator[Message]:
-        for begin, end in zip(layout.begins.tolist(), layout.ends.tolist(), strict=True):
-            message = self._message(data, begin, end)
-            if message is not None:
-                yield message
+    def _sound(self, layout: _Layout, heads: _Heads) -> bool:
+        """Return whether every message has possible times and a channel that is declared."""
+        return (
+            layout.timed
+            and max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME
+            and self.channels.keys() >= layout.of_channels(heads["channel"]).keys()
+        )
+
+    def _one_by_one(self, data: bytes, layout: _Layout, heads: _Heads) -> Iterator[Message]:
+        places = zip(layout.begins.tolist(), layout.ends.tolist(), strict=True)
+        if not self._sound(layout, heads):
+            # An error is raised at the message that causes it.
+            yield from (message for begin, end in places if (message := self._message(data, begin, end)) is not None)
+            return
+        channels = map(self.channels.__getitem__, heads["channel"].tolist())
+        contents = (data[begin + _MESSAGE_HEAD.size : end] for begin, end in places)
+        yield from map(Message, channels, heads["log_time"].tolist(), heads["publish_time"].tolist(), contents)
 
     def _by_channel(self, data: bytes, layout: _Layout, heads: _Heads) -> Iterator[MessageBlock]:
         """Yield blocks, in the order in which the channels come."""
-        if layout.timed and max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME:
-            channels = layout.of_channels(heads["channel"])
-            if self.channels.keys() >= channels.keys():
-                raw, log_times = np.frombuffer(data, np.uint8), heads["log_time"].astype(np.int64)
-                times = np.empty(0, np.int64)
-                for number, (rows, begins, ends, apart) in channels.items():
-                    own_times = log_times[rows]
-                    times = times if np.array_equal(times, own_times) else own_times
-                    yield MessageBlock(self.channels[number], times, raw, begins, ends, apart)
-                return
-        # An error is raised at the message that causes it.
-        yield from in_blocks(self._one_by_one(data, layout, heads))
+        if not self._sound(layout, heads):
+            yield from in_blocks(self._one_by_one(data, layout, heads))
+            return
+        raw, log_times = np.frombuffer(data, np.uint8), heads["log_time"].astype(np.int64)
+        times = np.empty(0, np.int64)
+        for number, (rows, begins, ends, apart) in layout.of_channels(heads["channel"]).items():
+            own_times = log_times[rows]
+            times = times if np.array_equal(times, own_times) else own_times
+            yield MessageBlock(self.channels[number], times, raw, begins, ends, apart)
 
     def _instead(self, begin: bytes, file: BinaryIO) -> tuple[str, str]:
         """Return what a file is that is not an MCAP file, and what to do with it."""

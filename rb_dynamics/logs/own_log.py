@@ -21,6 +21,7 @@ from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.output_file import is_log
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch
 from rb_dynamics.logs.messages import (
     ACCEL,
     APPLIED,
@@ -33,6 +34,7 @@ from rb_dynamics.logs.messages import (
     decode_setpoint,
     decode_wrench,
 )
+from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import UNSAID, opened, parse_scene
 
@@ -189,6 +191,24 @@ def received_commands(
     for each in messages:
         if each.channel.topic in channels:
             yield channels[each.channel.topic], decode_wrench(WRENCH, each.log_time, each.data), each.log_time
+
+
+def received_batch(scene: Scene, names: Mapping[str, str], blocks: Iterable[MessageBlock]) -> CommandBatch:
+    """Return the same for blocks of messages, by time.
+
+    Raises:
+        LogError: a message is cut short or not CDR.
+    """
+    channels = {names[channel.topic]: number for number, channel in enumerate(scene.channels)}
+    batches, count = [CommandBatch.empty()], 0
+    for block in blocks:
+        if (number := channels.get(block.channel.topic)) is not None:
+            topic, rows = Topic(block.channel.topic, WRENCH), np.arange(count, count + len(block.log_times))
+            topic.take(block)
+            arrival = np.column_stack([0 * rows, 0 * rows, rows])
+            batches.append(commands_of(topic, block, number, topic.log_times, topic.stamps, arrival))
+            count += len(rows)
+    return CommandBatch.of(batches)
 
 
 def received_setpoints(

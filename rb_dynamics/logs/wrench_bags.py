@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
@@ -28,9 +27,10 @@ from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
-from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Received
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch
 from rb_dynamics.logs.bag_reader import WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
+from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 
@@ -716,36 +716,6 @@ class _Batch(NamedTuple):
     commands: CommandBatch
 
 
-class _Commands(NamedTuple):
-    """The commands of a block; `stamps` is None if they have no header."""
-
-    block: MessageBlock
-    wrench: NDArray[np.float64]
-    frame_ids: Sequence[str]
-    frame: NDArray[np.int64]
-    time_ns: Times
-    stamps: Times | None
-
-    def __call__(self, row: int) -> Wrench:
-        fx, fy, fz, tx, ty, tz = self.wrench[row].tolist()
-        frame_id = self.frame_ids[int(self.frame[row])]
-        command = Wrench((fx, fy, fz), (tx, ty, tz), frame_id, int(self.time_ns[row]))
-        if (data := self.messages(np.array([row]))[0]) is not None:
-            object.__setattr__(command, "message", data)
-        return command
-
-    def messages(self, rows: Times) -> list[bytes | None]:
-        if self.stamps is None:
-            return [None] * len(rows)
-        # Where its time in the run is another than its stamp, a message of its own has that.
-        stands = (self.time_ns[rows] == self.stamps[rows]).tolist()
-        begins, ends = self.block.begins[rows], self.block.ends[rows]
-        first = int(begins.min(initial=len(self.block.data)))
-        data = self.block.data[first : int(ends.max(initial=0))].tobytes()
-        places = zip(stands, (begins - first).tolist(), (ends - first).tolist(), strict=True)
-        return [data[begin:end] if stand else None for stand, begin, end in places]
-
-
 def _batch(
     source: Source, bag: _Recording, block: MessageBlock, kind: str, channel: int, place: tuple[int, int] = (0, 0)
 ) -> _Batch:
@@ -757,23 +727,16 @@ def _batch(
     topic = Topic(block.channel.topic, kind)
     topic.take(block)
     try:
-        stamps, wrench, texts = topic.stamps, topic.numbers, topic.texts
+        stamps, _ = topic.stamps, topic.numbers
     except LogError:
         _require_whole(source, block, kind)
         raise
     times = bag.line.stamps(topic.log_times) if bag.by_log else stamps
     if bag.fills and not bag.by_log:
         times = np.where(stamps == 0, bag.line.stamps(topic.log_times), stamps)
-    frame_ids = [text[0] if text else "" for _, text in texts]
-    frame = np.searchsorted([row for row, _ in texts], np.arange(topic.count), side="right") - 1
-    time_ns = times - bag.offset_ns
-
-    number, chunk = place
+    time_ns, (number, chunk) = times - bag.offset_ns, place
     arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
-    rows = np.arange(topic.count)
-    received = _Commands(block, wrench, frame_ids, frame, time_ns, stamps if kind == WRENCH else None)
-    columns = time_ns, time_ns, np.full(topic.count, channel), arrival, wrench, frame, frame_ids
-    commands = CommandBatch(*columns, Received((received,), np.zeros_like(rows), rows))
+    commands = commands_of(topic, block, channel, time_ns, time_ns, arrival)
     return _Batch(times if bag.fills else stamps, topic.log_times, commands)
 
 

@@ -40,11 +40,11 @@ from rb_dynamics.formats.log_metadata import (
     TOPICS,
     next_file,
 )
-from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message
+from rb_dynamics.formats.mcap_records import Fact, McapChannel, Message, MessageBlock
 from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, WRENCH
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import AppliedWrench, ReceivedWrench, RejectedWrench
-from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch
 from rb_dynamics.logs.messages import (
     ACCEL,
     APPLIED,
@@ -68,7 +68,7 @@ from rb_dynamics.logs.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.logs.own_log import received_commands, received_setpoints, scene_and_names
+from rb_dynamics.logs.own_log import received_batch, received_commands, received_setpoints, scene_and_names
 from rb_dynamics.motion import METHODS, REMOVED
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.nanoseconds import split_stamp
@@ -204,16 +204,13 @@ def replay(path: str | Path, progress: Callable[[float], None] | None = None) ->
         ConvergenceError: a step could not be solved.
     """
     facts = _Facts.of(path)
-    count = len(facts.commands) + len(facts.setpoints)
+    count = len(facts.commands.time_ns) + len(facts.setpoints)
     found = Replay(commands=count, complete=facts.complete, torn=facts.records.torn)
     comparison = _Comparison(open_source(path), facts, found)
     run = Simulation(facts.scene, [comparison])
     moments = {change.time_ns for change in facts.moves}
-    if commands := [each for each in facts.commands if each[2] not in moments]:
-        numbers = {channel.topic: number for number, channel in enumerate(facts.scene.channels)}
-        # A rejected command is rejected again.
-        topics, wrenches, times_ns = zip(*commands, strict=True)
-        run.post_batch(CommandBatch.of([listed([numbers[topic] for topic in topics], wrenches, times_ns)]))
+    # A rejected command is rejected again.
+    run.post_batch(facts.commands.some((~np.isin(facts.commands.time_ns, list(moments))).nonzero()[0]))
     for topic, value, time_ns in facts.setpoints:
         if time_ns not in moments:
             _actuate(run, topic, value, time_ns)
@@ -253,7 +250,7 @@ class _Facts:
 
     scene: Scene
     names: Mapping[str, str]
-    commands: list[tuple[str, Wrench, int]]
+    commands: CommandBatch
     setpoints: list[tuple[str, float, int]]
     moves: list[StateChange]
     metadata: dict[str, dict[str, str]]
@@ -271,11 +268,14 @@ class _Facts:
         said = _Records()
         source = open_source(path, said.add)
         begin_ns, end_ns = math.inf, -1
+        wrenches: list[MessageBlock] = []
         received: list[Message] = []
         moves: list[Message] = []
         for block in source.blocks():
             begin_ns = min(begin_ns, int(block.log_times[0]))
-            if block.channel.type_name in (WRENCH, SCALAR) and block.channel.topic not in _BOOKS:
+            if block.channel.type_name == WRENCH:
+                wrenches.append(block.alone())
+            elif block.channel.type_name == SCALAR and block.channel.topic not in _BOOKS:
                 received += block.messages()
             elif _is_state_change(block.channel):
                 moves += block.messages()
@@ -291,7 +291,7 @@ class _Facts:
         scene, names = scene_and_names(source, "run again", overrides={})
         if end_ns < 0:
             raise LogError(f"{source.path} holds no pose: there is nothing to compare; give the log of a run")
-        commands = list(received_commands(scene, names, received))
+        commands = received_batch(scene, names, wrenches)
         setpoints = list(received_setpoints(scene, names, received))
         complete = source.complete and INTERRUPTED not in source.metadata
         if complete:
@@ -650,7 +650,8 @@ class _Comparison:
 
     def _compare(self, topic: str, time_ns: int, expected: bytes) -> Message | None:
         """Compare the next message on a topic, and return it; None at the end."""
-        message = self._next(topic)
+        waiting = self._waiting[topic]
+        message = waiting.popleft() if waiting or self._fill(topic, 1) else None
         if message is None:
             # A log that was cut off may lack its last moments.
             if self._facts.complete:
@@ -658,7 +659,7 @@ class _Comparison:
             return None
         if message.log_time != time_ns and not self._facts.complete:
             self._found.gap_ns = min(message.log_time, time_ns)
-        if self._found.gap_ns is None:
+        if message != (message.channel, time_ns, time_ns, expected) and self._found.gap_ns is None:
             self._note(message, time_ns, expected)
         return message
 
@@ -700,10 +701,6 @@ class _Comparison:
             relative = largest / scale if scale > 0.0 else math.inf
             if largest > 0.0 and relative > difference.relative:
                 difference.largest, difference.largest_ns, difference.relative = largest, time_ns, relative
-
-    def _next(self, topic: str) -> Message | None:
-        """Return the log's next message on a topic; None at the end."""
-        return self._waiting[topic].popleft() if self._fill(topic, 1) else None
 
     def _fill(self, topic: str, count: int) -> bool:
         """Read on until `count` messages of a topic are queued; return False at the end."""
