@@ -72,9 +72,14 @@ from rb_dynamics.run.stop_signals import uninterrupted
 from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from rb_dynamics.loads.wrench_command_arrays import Changes
     from rb_dynamics.logs.messages import Bytes, Times
     from rb_dynamics.scene.model import Scene
+
+    Records = npt.NDArray[np.object_]
 
 FLUSH_S = 0.5
 """s of wall time: what a kill costs at most."""
@@ -307,30 +312,26 @@ class McapSink:
         """
         import numpy as np
 
-        changes, pieces, at, kinds = block.changes, list[bytes](), list[int](), list[int]()
-        came, acts = self._framed_changes(changes)
-        channels = changes.channel.tolist()
+        changes, taken, events = block.changes, block.taken, len(block.order)
+        place = np.empty(events, dtype=np.int64)
+        place[block.order] = np.arange(events)
+        pieces, kinds = np.empty((events, 2), dtype=object), np.empty((events, 2), dtype=np.int64)
+        pieces[place[:taken], 0], kinds[place[:taken]] = rows, -1
+        pieces[place[taken:], 0], pieces[place[taken:], 1] = self._framed_changes(changes)
+        kinds[place[taken:]] = 2 * changes.channel[:, None] + [0, 1]
         times = np.append(block.samples.time_ns, changes.time_ns)[block.order]
-        for number, time_ns in zip(block.order.tolist(), times.tolist(), strict=True):
-            i = number - block.taken
-            written, first = ([rows[number]], -1) if i < 0 else ([came[i], acts[i]], 2 * channels[i])
-            for kind, record in enumerate(written, first):
-                if record:
-                    pieces.append(record)
-                    at.append(time_ns)
-                    kinds.append(kind)
-        return pieces, np.array(at), np.array(kinds)
+        written = pieces.astype(bool)
+        return pieces[written].tolist(), np.repeat(times, written.sum(axis=1)), kinds[written]
 
-    def _framed_changes(self, changes: Changes) -> tuple[list[bytes], list[bytes]]:
+    def _framed_changes(self, changes: Changes) -> tuple[Records, Records]:
         """Return the records of commands as received, "" for a timeout, and as they act."""
         import numpy as np
 
-        came, acts = [b""] * len(changes.row), [b""] * len(changes.row)
+        came, acts = np.full(len(changes.row), b"", object), np.full(len(changes.row), b"", object)
         messages, received = changes.came.received.messages(), changes.came.received
 
-        def add(to: list[bytes], number: int, rows: Times, each: Bytes) -> None:
-            for i, record in zip(rows.tolist(), in_rows(framed(number, each, changes.time_ns[rows])), strict=True):
-                to[i] = record
+        def add(to: Records, number: int, rows: Times, each: Bytes) -> None:
+            to[rows] = in_rows(framed(number, each, changes.time_ns[rows]))
 
         for channel, topic in enumerate(changes.topics):
             mine = changes.channel == channel
