@@ -43,7 +43,7 @@ from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
-from rb_dynamics.logs.stamp_clock import ClockLine, StampClock, in_bursts
+from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
@@ -647,10 +647,11 @@ class _TrackReader:
         if standing(stamps):
             return ClockLine()
         line = StampClock.of(self.bag.topics[stamped].log_times, stamps).line
-        if not line.straight and source.type_name in WRENCHES:
+        off_s = max(line.error_s, line.ends_s)
+        if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in WRENCHES:
             self.doubt = self.doubt or (
                 f"cannot tell when {topic} acted, which has no stamps: log times leave a line against the stamps of "
-                f"{stamped} by {line.error_s:.3g} s; record by the clock of the stamps, or commands with stamps"
+                f"{stamped} by {off_s:.3g} s; record by the clock of the stamps, or commands with stamps"
             )
         if line.drift == 0.0 and abs(line.behind_ns) <= APART * 1e9:
             return ClockLine()

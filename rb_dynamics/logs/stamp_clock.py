@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,8 @@ _PARTS, _WINDOW, _IN_WINDOW, _FINEST, _COARSEST = 32, 1.0, 8, 0.02, 0.1
 # Messages come in bursts if of so many intervals more than half are shorter than this (ns) and this part of the mean.
 _FEW, _AT_ONCE_NS, _PART = 8, 1_000_000, 0.1
 
+_Windows: TypeAlias = Sequence[tuple[slice | NDArray[np.int64], NDArray[np.int64]]]
+
 
 @dataclass(frozen=True)
 class ClockLine:
@@ -36,6 +40,7 @@ class ClockLine:
         drift: how much this changes, s/s.
         error_s: by how much the least delay leaves the line, in the worst second.
         straight: whether that is no more than jitter.
+        ends_s: by how much the first or the last delays leave it, if that is more than `error_s` and than jitter; or 0.
         count: of messages.
     """
 
@@ -44,6 +49,7 @@ class ClockLine:
     drift: float = 0.0
     error_s: float = 0.0
     straight: bool = True
+    ends_s: float = 0.0
     count: int = 0
 
     def behind(self, log_times: Times) -> Times:
@@ -63,6 +69,11 @@ class ClockLine:
     def one_clock(self) -> bool:
         """Whether log times are the stamps, up to a delay."""
         return self.drift == 0.0 and abs(self.behind_ns) <= APART_NS
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it is off by no more than delays within one clock are."""
+        return self.error_s * 1e9 <= APART_NS
 
 
 class StampClock:
@@ -107,23 +118,28 @@ class StampClock:
         begin_ns, least_ns = int(points[0, 0]), int(points[:, 1].min())
         at, late = (points - (begin_ns, least_ns)).T * 1e-9
         # If a clock is set back, messages from before lie among those from after, unless in the order of the other.
-        windows = [(order, _windows(at[order], self.count)) for order in (slice(None), np.argsort(at - late))]
+        orders = (slice(None), np.argsort(at - late))
+        windows = [(order, _windows(at[order], self.count)) for order in orders]
+        interval = abs(float((at[-1] - at[0]) - (late[-1] - late[0]))) / max(self.count - 1, 1)
+        jitter = min(max(interval, _FINEST), _COARSEST)
+        outer = [(order, _outer_windows(at[order], jitter)) for order in orders]
 
-        def lowest(heights: NDArray[np.float64]) -> NDArray[np.float64]:
+        def lowest(heights: NDArray[np.float64], windows: _Windows = windows) -> NDArray[np.float64]:
             least = (np.minimum.reduceat(np.append(heights[order], 0.0), ends)[::2] for order, ends in windows)
             return np.concatenate([*least])
 
-        interval = abs(float((at[-1] - at[0]) - (late[-1] - late[0]))) / max(self.count - 1, 1)
-        jitter = min(max(interval, _FINEST), _COARSEST)
         left, level, drift = lowest(late), 0.0, 0.0
         if self.count >= _LEAST and at[-1] >= _SHORTEST:
             (x, y), (x1, y1) = _edge(at.tolist(), late.tolist(), float(at.mean()))
             slope = (y1 - y) / (x1 - x)
             rest = lowest(late - y - slope * (at - x))
-            if rest.max() <= jitter and abs(slope) * at[-1] > max(_ABOVE * float(np.median(rest)), _SMALLEST):
+            # Where messages wait in queues, a drift leaves more than jitter, but little of what there is without it.
+            most = max(jitter, min(_COARSEST, float(left.max()) / _ABOVE))
+            if rest.max() <= most and abs(slope) * at[-1] > max(_ABOVE * float(np.median(rest)), _SMALLEST):
                 left, level, drift = rest, y - slope * x, slope
-        error = float(left.max())
-        return ClockLine(begin_ns, least_ns + round(level * 1e9), drift, error, error <= jitter, self.count)
+        error, ends = float(left.max()), float(lowest(late - level - drift * at, outer).max())
+        ends *= ends > max(error, jitter)
+        return ClockLine(begin_ns, least_ns + round(level * 1e9), drift, error, error <= jitter, ends, self.count)
 
 
 def in_bursts(topic: str, log_times: Times) -> str:
@@ -147,6 +163,13 @@ def _windows(at: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     end = np.searchsorted(newest, newest + min(_WINDOW, at.max() / _PARTS)) + 1
     windows = np.column_stack([points, np.maximum(end, points + width)])
     return windows[windows[:, 1] <= len(at)].ravel()
+
+
+def _outer_windows(at: NDArray[np.float64], length: float) -> NDArray[np.int64]:
+    """Return the same of those of this length (s) at both ends, where a step is shorter than a window."""
+    newest = np.maximum.accumulate(at)
+    first, last = np.searchsorted(newest, (newest[0] + length, newest[-1] - length))
+    return np.array([0, max(first, 1), min(last, len(at) - 1), len(at)])
 
 
 def _edge(at: list[float], late: list[float], middle: float) -> tuple[tuple[float, float], tuple[float, float]]:

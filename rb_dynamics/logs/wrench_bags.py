@@ -213,7 +213,7 @@ class _Recording:
         if not self.count or self.by_log:
             return self._unless_one(line or self.beside or ClockLine())
         # Of commands that come in bursts, no delay is as little as those of a motion that comes steadily.
-        if line is not None and self.behind_ns is not None and line.straight and line.count > 1:
+        if line is not None and self.behind_ns is not None and line.bounded and line.count > 1:
             ends = np.array([self.log_times.first_ns, self.log_times.last_ns])
             more_ns = self.behind_ns - int(line.behind(ends).min())
             uneven_ns = 2 * (self.sum_ns / self.stamped - self.behind_ns)
@@ -758,22 +758,32 @@ def _clock_note(bag: _Recording) -> str:
     Raises:
         LogError: it cannot be told which stamp belongs to a log time.
     """
-    line = bag.line
-    if not bag.times_unstamped or (line.straight and not line.drift):
+    line, told = bag.line, list[str]()
+    if not bag.times_unstamped:
         return ""
     off = f"leave a line against the stamps of the motion by {line.error_s:.3g} s"
-    if line.straight:
-        return (
-            f"{bag.path}: its log times run {1.0 / (1.0 - line.drift):.6g} times as fast as the stamps of the motion: "
-            "each command without a stamp acts at the stamp that belongs to its log time"
+    if not (line.bounded or line.one_clock):
+        raise LogError(
+            f"{bag.path}: its log times are of another clock than the stamps and {off}, so that it is not known when "
+            "commands without stamps acted; record by the clock of the stamps (ros2 bag record --use-sim-time), or "
+            "commands with stamps"
         )
-    if line.one_clock:
-        return f"{bag.path}: its log times {off}; commands without stamps act at their log times all the same"
-    raise LogError(
-        f"{bag.path}: its log times are of another clock than the stamps and {off}, so that it is not known when "
-        "commands without stamps acted; record by the clock of the stamps (ros2 bag record --use-sim-time), or "
-        "commands with stamps"
-    )
+    if line.drift:
+        told.append(
+            f"run {1.0 / (1.0 - line.drift):.6g} times as fast as the stamps of the motion: each command without a "
+            "stamp acts at the stamp that belongs to its log time"
+        )
+    if not line.straight and line.one_clock:
+        told.append(f"{off}; commands without stamps act at their log times all the same")
+    elif not line.straight:
+        told.append(f"{off}, as in queues: commands without stamps may have acted up to that much earlier")
+    if line.ends_s:
+        told.append(
+            f"leave a line against the stamps of the motion by {line.ends_s:.3g} s within a second of the first or the "
+            "last of these: either messages waited or a clock was set, so commands without stamps may have acted up to "
+            "that much earlier there"
+        )
+    return f"{bag.path}: its log times {'; they '.join(told)}" if told else ""
 
 
 def _pause_ns(bag: _Recording, other: _Recording) -> float:

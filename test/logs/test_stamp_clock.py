@@ -18,6 +18,7 @@ LOGGED: dict[str, Callable[[Times], Times]] = {
     "steady": lambda sent: sent,
     "jitter": lambda sent: sent + JITTER,
     "bursts": lambda sent: sent + -sent % (2 * SECOND),
+    "queue": lambda sent: sent + np.where(STAMPS % (20 * SECOND) > 13 * SECOND, np.ptp(sent) // 1000, 0),
     "one early": lambda sent: sent - np.where(np.arange(len(STAMPS)) == 700, 5 * SECOND, 0),
     "jump": lambda sent: sent + np.where(STAMPS > 30 * SECOND, 5 * SECOND, 0),
     "jump near the end": lambda sent: sent + np.where(STAMPS > 61.5 * SECOND, 3 * SECOND // 10, 0),
@@ -37,10 +38,21 @@ def test_a_log_time_is_put_on_the_clock_of_the_stamps_or_that_is_refused(how: st
     for part in np.array_split(np.argsort(logged, kind="stable")[: np.count_nonzero(logged <= sent[-1])], 7):
         clock.add(logged[part], STAMPS[part])
     line = clock.line
-    within = {"steady": 100, "jitter": SECOND // 1000, "bursts": SECOND // 20}.get(how)
-    assert line.straight == (within is not None)
+    within = {"steady": 100, "jitter": SECOND // 1000, "bursts": SECOND // 20, "queue": SECOND // 16}.get(how)
+    assert line.bounded == (within is not None)
+    assert line.straight == (line.bounded and how != "queue")
     if within is not None:
+        assert (line.ends_s, line.error_s) == (0.0, pytest.approx(0.06 * (how == "queue"), abs=0.05))
         assert np.abs(line.stamps(sent) - STAMPS).max() <= within
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.99, 3.0])
+@pytest.mark.parametrize(("till", "step"), [(64.7, 3.0), (5.4, -3.0), (5.4, -0.3)])
+def test_a_step_within_a_second_of_either_end_is_told(till: float, step: float, rate: float) -> None:
+    """The least delay of that second was from before or after it."""
+    logged = WALL + ((STAMPS + (till * SECOND < STAMPS) * round(step * SECOND)) / rate).astype(np.int64)
+    line = StampClock.of(logged, STAMPS).line
+    assert (line.straight, line.ends_s) == (True, pytest.approx(abs(step), rel=1e-6))
 
 
 def test_a_delay_makes_no_second_clock_and_few_messages_no_drift() -> None:

@@ -383,8 +383,8 @@ def test_commands_without_stamps_follow_a_clock_of_another_rate(tmp_path: Path, 
     data = {SCALAR: cdr.encode(SCALAR, (0.5,)), WRENCH: cdr.encode(WRENCH, (1.0,) * 6), STAMPED: stamped(0, 1.0)}[kind]
     topic = "/w/command" if kind == SCALAR else "/wrench"
 
-    def bag(logged: Callable[[int], int]) -> RecordedWrenches:
-        rows = [*poses(range(0, 20 * SECOND, SECOND // 10), logged), *((topic, kind, logged(k), data) for k in at)]
+    def bag(logged: Callable[[int], int], rate: int = 10) -> RecordedWrenches:
+        rows = [*poses(range(0, 20 * SECOND, SECOND // rate), logged), *((topic, kind, logged(k), data) for k in at)]
         path = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
         return RecordedWrenches([path], ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
 
@@ -393,6 +393,11 @@ def test_commands_without_stamps_follow_a_clock_of_another_rate(tmp_path: Path, 
     assert "run 2 times as fast as the stamps of the motion" in found.notes[-1]
     with pytest.raises(LogError, match=r"of another clock than the stamps and leave a line .* by \d.*--use-sim-time"):
         bag(lambda at: WALL_NS + at + 5 * SECOND * (at > 10 * SECOND))
+    queued = bag(lambda at: WALL_NS + 2 * at + 60_000_000 * (at % (5 * SECOND) > 2 * SECOND), 100)
+    assert "2 times as fast" in queued.notes[-1]
+    assert "by 0.03 s, as in queues: commands without stamps may have acted up to that much earlier" in queued.notes[-1]
+    late = bag(lambda at: WALL_NS + at + SECOND // 20 * 3 * (at > 19.3 * SECOND))
+    assert "by 0.15 s within a second of the first or the last of these" in late.notes[-1]
     # Within one clock that is only told.
     within = bag(lambda at: at + 5 * SECOND * (at > 10 * SECOND))
     assert sum("act at their log times all the same" in note for note in within.notes) == 1
