@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics.argument_checks import number, vector
+from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.numerics.vector import ZERO, resized
 
 if TYPE_CHECKING:
@@ -17,17 +18,36 @@ if TYPE_CHECKING:
 
 
 class Range(NamedTuple):
-    """The finite numbers from `least` to `most` and greater than `above`: in words, and the remedy for others."""
+    """The finite numbers from `least` to `most` and greater than `above`, or zero: in words, and the remedy."""
 
     expected: str
     remedy: str
     least: float = -math.inf
     above: float = -math.inf
     most: float = math.inf
+    or_zero: bool = False
 
     def holds(self, value: float) -> bool:
         """Return whether a finite number is in the range."""
-        return self.least <= value <= self.most and value > self.above
+        return (self.least <= value <= self.most and value > self.above) or (self.or_zero and value == 0.0)
+
+    def require(self, value: object, name: str) -> float:
+        """Return a value as a float.
+
+        Raises:
+            TypeError: it is not a number.
+            SceneError: it is out of the range.
+        """
+        found = number(value, name, self.expected, SceneError)
+        if not self.holds(found):
+            raise SceneError(f"{name} is {found!r}, expected {self.expected}")
+        return found
+
+
+# A shorter time would be rounded to no nanosecond.
+TIME = Range(
+    f"a time of 0 or from {SHORTEST:g} to {LONGEST:.1e} (s)", "write 0 for none", SHORTEST, most=LONGEST, or_zero=True
+)
 
 
 class Ranged(Protocol):
@@ -45,9 +65,8 @@ def check_numbers(item: Ranged) -> None:
         TypeError: one is not a number.
         SceneError: one is out of its range.
     """
-    for name, (expected, _, *limits) in item.ranges.items():
-        value = number(getattr(item, name), f"{item.kind}: {name}", expected, SceneError, *limits)
-        object.__setattr__(item, name, value)
+    for name, each in item.ranges.items():
+        object.__setattr__(item, name, each.require(getattr(item, name), f"{item.kind}: {name}"))
 
 
 def check_vector(item: Effect | Ranged, name: str, expected: str, *, direction: bool = False) -> None:

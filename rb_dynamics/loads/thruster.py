@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Accepted, Actuator
-from rb_dynamics.loads.number_ranges import Range, read_numbers
+from rb_dynamics.loads.number_ranges import TIME, Range, read_numbers
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
@@ -44,10 +44,7 @@ class Thruster(Actuator):
     ranges: ClassVar[Mapping[str, Range]] = {
         "force": Range("a number greater than 0 (N)", "write its force", above=0.0),
         "minimum_on": Range("0 or more (s)", "write 0 for none", least=0.0),
-        **dict.fromkeys(
-            ("delay", "rise", "fall"),
-            Range(f"a time from 0 to {LONGEST:.1e} (s)", "write 0 for none", least=0.0, most=LONGEST),
-        ),
+        **dict.fromkeys(("delay", "rise", "fall"), TIME),
     }
 
     frame: str

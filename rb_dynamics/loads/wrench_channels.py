@@ -17,6 +17,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.gradual_wrench import Transient, seen_in_one_frame
+from rb_dynamics.loads.number_ranges import TIME
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, largest_wrench, require_possible
 from rb_dynamics.loads.wrench_command_arrays import (
@@ -30,7 +31,7 @@ from rb_dynamics.loads.wrench_command_arrays import (
     timeline,
 )
 from rb_dynamics.numerics.argument_checks import instance, number, shown, truth, vector
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, SHORTEST, nanoseconds
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
@@ -43,9 +44,6 @@ if TYPE_CHECKING:
 
 ON_EXCESS = ("reject", "clip")
 """What a channel may do with a command beyond its limits."""
-
-LAG = f"0 (none) or a time from {SHORTEST:g} to {LONGEST:.1e} (s)"
-"""Valid values of a lag, for error messages."""
 
 # m/s^2 and rad/s^2, more than any actuator gives. If the motion cannot continue and the accelerations are larger, the
 # command is rejected; if they are smaller, the step or the accuracy is the cause, which is an error for the user.
@@ -122,9 +120,8 @@ class Channel:
         """
         if not instance(self.topic, str, "topic", "write the name of a topic"):
             raise SceneError("topic is '', expected the name of a topic; write one, as 'wrench'")
-        expected = f"a time from 0 (hold for ever) to {LONGEST:.1e} (s)"
-        timeout = number(self.timeout, "timeout", expected, SceneError, least=0.0, most=LONGEST)
-        object.__setattr__(self, "timeout", timeout)
+        for name in ("timeout", "delay", "lag"):
+            object.__setattr__(self, name, TIME.require(getattr(self, name), name))
         object.__setattr__(self, "optional", truth(self.optional, "optional"))
         for name in ("max_force", "max_torque"):
             limit = getattr(self, name)
@@ -132,12 +129,6 @@ class Channel:
             if getattr(limit, "mask", False) or limit != math.inf:
                 expected = "a number greater than 0, infinite for no limit"
                 object.__setattr__(self, name, number(limit, name, expected, SceneError, above=0.0))
-        expected = f"a time from 0 to {LONGEST:.1e} (s)"
-        object.__setattr__(self, "delay", number(self.delay, "delay", expected, SceneError, least=0.0, most=LONGEST))
-        lag = number(self.lag, "lag", LAG, SceneError, least=0.0, most=LONGEST)
-        if 0.0 < lag < SHORTEST:
-            raise SceneError(f"lag is {lag!r}, expected {LAG}; write 0 for none")
-        object.__setattr__(self, "lag", lag)
         for name, what in (("bias_force", "a force (N)"), ("bias_torque", "a torque (N m)")):
             object.__setattr__(self, name, vector(getattr(self, name), name, what, SceneError))
         if self.on_excess not in ON_EXCESS:
@@ -147,8 +138,8 @@ class Channel:
 
     @property
     def timeout_ns(self) -> int:
-        """The timeout in ns; at least 1 if it is not zero, because 0 means to hold for ever."""
-        return max(1, round(self.timeout * NANOSECONDS)) if self.timeout else 0
+        """The timeout in ns; 0 to hold for ever."""
+        return round(self.timeout * NANOSECONDS)
 
     @property
     def delay_ns(self) -> int:

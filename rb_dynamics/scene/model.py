@@ -12,11 +12,12 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.number_ranges import TIME
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel, ChannelBias, ChannelLag, topic_fault
 from rb_dynamics.numerics.argument_checks import instance, instances, number, shown, whole_number
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.sensors.sensor import Sensor
 
 DEFAULT_ACCURACY = 1e-9
@@ -140,9 +141,7 @@ class Scene:
         object.__setattr__(self, "effects", instances(self.effects, Effect, "effects", "write one, as LinearDrag(...)"))
         instance(self.solver, Solver, "solver", "write Solver(method, step=..., accuracy=...)")
         if self.duration is not None:
-            expected = f"a number from 0 to {LONGEST:.1e} (s), or None"
-            duration = number(self.duration, "duration", expected, SceneError, least=0.0, most=LONGEST)
-            object.__setattr__(self, "duration", duration)
+            object.__setattr__(self, "duration", TIME.require(self.duration, "duration"))
         expected = f"a number from 0 to {NANOSECONDS:g} (Hz)"
         rate = number(self.output_rate, "output_rate", expected, SceneError, least=0.0, most=NANOSECONDS)
         object.__setattr__(self, "output_rate", rate)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
-from rb_dynamics.loads.wrench_channels import LAG, ON_EXCESS, topic_fault
+from rb_dynamics.loads.number_ranges import TIME
+from rb_dynamics.loads.wrench_channels import ON_EXCESS, topic_fault
 from rb_dynamics.numerics.nanoseconds import LONGEST, SHORTEST
 from rb_dynamics.scene.model import Channel
 
 _TIMEOUT = Rule(
     f"0 (hold for ever) or a number from {SHORTEST:g} to {LONGEST:.1e} (s)",
-    lambda v: v == 0.0 or SHORTEST <= v <= LONGEST,
+    TIME.holds,
     "write 0 or the time after which the channel drops to zero",
 )
 
@@ -19,10 +20,8 @@ _LIMITS = {
     name: Rule(f"a number greater than 0 ({unit})", lambda v: v > 0.0, "leave it out for no limit")
     for name, unit in (("max_force", "N"), ("max_torque", "N m"))
 }
-_DELAY = Rule(
-    f"a time from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write the time from a command to its effect"
-)
-_LAG = Rule(LAG, lambda v: v == 0.0 or SHORTEST <= v <= LONGEST, "write 0 or the time constant of the actuator")
+_DELAY = Rule(TIME.expected, TIME.holds, "write 0 or the time from a command to its effect")
+_LAG = Rule(TIME.expected, TIME.holds, "write 0 or the time constant of the actuator")
 _BIAS = {name: Rule(f"a finite number ({unit})") for name, unit in (("force", "N"), ("torque", "N m"))}
 _KEYS = ("topic", "timeout", "optional", *_LIMITS, "on_excess", "delay", "bias", "lag")
 

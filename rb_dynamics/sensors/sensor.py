@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.effect import Field
-from rb_dynamics.loads.number_ranges import Range, check_numbers, read_numbers
+from rb_dynamics.loads.number_ranges import TIME, Range, check_numbers, read_numbers
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.numerics.argument_checks import instance, shown
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
@@ -87,7 +87,7 @@ class Sensor:
             least=1.0 / LONGEST,
             most=float(NANOSECONDS),
         ),
-        "delay": Range(f"a time from 0 to {LONGEST:.1e} (s)", "write 0 for none", least=0.0, most=LONGEST),
+        "delay": TIME,
         "dropout": Range(
             "a probability of at least 0 and less than 1", "write 0 for none", least=0.0, most=1.0 - 2.0**-53
         ),

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rb_dynamics as rb
-from rb_dynamics.errors import WrenchError
+from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -169,3 +169,16 @@ def test_what_is_no_actuator_is_one_clear_error(change: str, to: str) -> None:
     with pytest.raises(rb.SceneError, match="expected") as error:
         rb.parse_scene(SCENE.replace(change, to))
     assert len(str(error.value).splitlines()) <= 2
+
+
+@pytest.mark.parametrize(
+    "key", ["actuators.jet.rise", "actuators.jet.fall", "actuators.jet.delay", "wrenches[0].delay"]
+)
+def test_a_time_below_a_nanosecond_is_refused_rather_than_rounded_to_none(key: str) -> None:
+    text = SCENE.replace("wrenches: []", "wrenches: [{topic: wrench}]")
+    for none in (0.0, 1e-9):
+        rb.parse_scene(text, overrides={key: none})
+    with pytest.raises(SceneError, match=rf"{key.rpartition('.')[2]}: .*4e-10.*, expected a time of 0 or from 1e-09"):
+        rb.parse_scene(text, overrides={key: 4e-10})
+    with pytest.raises(SceneError, match=r"rise is 4e-10, expected a time of 0 or from 1e-09"):
+        rb.Thruster(name="jet", frame="jet", force=1.0, rise=4e-10)

@@ -139,7 +139,7 @@ def _report(found: Replay, bound: float) -> list[str]:
     lines += _facts(found)
     if found.unchecked:
         lines.append(f"not checked, because a replay does not reproduce them: {', '.join(sorted(found.unchecked))}")
-    if found.proven_ns is not None and not found.complete:
+    if found.proven_ns is not None and not (found.complete or found.identical):
         lines.append(f"the hash of the states proves the log up to {found.proven_ns / 1e9:.9f} s")
     if found.software and found.corrupt:
         lines.append(f"another version or platform does not explain it: {', '.join(found.corrupt)}")
@@ -182,7 +182,10 @@ def _facts(found: Replay) -> list[str]:
 
 def _verdict(found: Replay, bound: float) -> list[str]:
     if found.identical:
-        return ["the same to the last bit"]
+        if found.complete:
+            return ["the same to the last bit"]
+        proven = "no hash proves it" if found.proven_ns is None else f"proven only up to {found.proven_ns / 1e9:.9f} s"
+        return [f"what is left is the same to the last bit, but {proven}"]
     if not found.software:
         return ["NOT the same bits"]
     if not found.within(bound):

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.formats.yaml.fields import Rule
+from rb_dynamics.loads.number_ranges import TIME
 from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.loads.wrench import largest_wrench
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import Vector, scale
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.block_propagation import FORCE, TORQUE, Commands
@@ -37,7 +38,7 @@ DELAY = "control.delay"
 NUMBER = Rule("a finite number")
 NOT_NEGATIVE = Rule("a number of 0 or more", lambda v: v >= 0.0, "write a size without a sign")
 POSITIVE = Rule("a number greater than 0", lambda v: v > 0.0, "write a size, neither 0 nor with a sign")
-_DELAY = Rule(f"a number from 0 to {LONGEST:.1e} (s)", lambda v: 0.0 <= v <= LONGEST, "write a time of 0 or more")
+_DELAY = Rule(TIME.expected, TIME.holds, "write 0 for none")
 
 RULES: Mapping[str, Rule] = {
     DELAY: _DELAY,
