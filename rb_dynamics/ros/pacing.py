@@ -17,6 +17,8 @@ LARGEST_LAG_NS = 100_000_000
 LARGEST_LEAP_NS = 10 * NANOSECONDS
 # s of steady time after which a clock that does not advance counts as paused.
 _PAUSE = 1.0
+# After a jump back by more than this (ns), a stamp nearer to the time before is of that, for so much steady time (s).
+_BACK_NS, _UNDER_WAY = NANOSECONDS, 1.0
 
 
 class Pacer:
@@ -116,6 +118,7 @@ class ClockFollower:
         self._now, self._steady = now, steady
         self._standing, self._clock_ns = False, 0
         self._jump: int | None = 0
+        self._before_ns, self._jumped = 0, -math.inf
         self.clear()
         self.begin(0)
 
@@ -138,13 +141,19 @@ class ClockFollower:
     def restart(self, time_ns: int) -> None:
         """Let the present simulation time be `time_ns`."""
         if 0 < self._now() < self._clock_ns:
-            self._jump = None
+            self._jump_back()
         self._time_ns, self._clock_ns, self._moved = time_ns, self._now(), self._steady()
 
     def jump(self) -> int | None:
         """Return by how much (ns) the clock has leapt ahead since this was asked last; None if it jumped back."""
         found, self._jump = self._jump, 0
         return found
+
+    def is_over(self, stamp_ns: int) -> bool:
+        """Return whether a stamp that comes now is of the time before the clock jumped back."""
+        back_ns = self._before_ns - self._clock_ns
+        recent = self._steady() - self._jumped < _UNDER_WAY
+        return recent and back_ns > _BACK_NS and 2 * (stamp_ns - self._clock_ns) > back_ns
 
     def due_ns(self, next_ns: int) -> int:
         """Return the simulation time due now."""
@@ -178,10 +187,13 @@ class ClockFollower:
         if self._jumps_back or self._leaps:
             return (
                 f"jumps of the clock: {self._jumps_back} back, {self._leaps} ahead by more than 10 s; only the stamps "
-                "jumped, the body continued from where it was; after a jump back, commands that waited for their "
-                "stamps never act; ~/reset starts again"
+                "jumped, the body continued from where it was; after a jump back, commands of the time before never "
+                "act; ~/reset starts again"
             )
         return ""
+
+    def _jump_back(self) -> None:
+        self._jump, self._before_ns, self._jumped = None, self._clock_ns, self._steady()
 
     def _follow(self) -> None:
         clock_ns = self._now()
@@ -195,7 +207,7 @@ class ClockFollower:
             pass
         elif passed < 0:
             self._jumps_back += 1
-            self._jump = None
+            self._jump_back()
         elif passed > LARGEST_LEAP_NS:
             self._leaps += 1
             self._jump = None if self._jump is None else self._jump + passed

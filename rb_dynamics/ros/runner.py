@@ -381,6 +381,13 @@ class Runner:
         by_stamp = self.lockstep or (self._mode.apply_at == "stamp" and wrench.stamp_ns != 0 and offset_ns is not None)
         stamp_ns = wrench.stamp_ns - (offset_ns or 0)
         time_ns = stamp_ns if by_stamp else max(self._arrived_ns(age_ns), self._latest_ns[topic])
+        if by_stamp and isinstance(self.pacer, ClockFollower) and self.pacer.is_over(wrench.stamp_ns):
+            self.health.superseded(topic)
+            self.health.warn(
+                f"{topic}: a command was ignored because its stamp, {seconds_text(wrench.stamp_ns)} s, is of the "
+                "time before the clock jumped back"
+            )
+            return
         # A rejected command counts for lockstep: time must not wait for one that will never act.
         self._newest[topic] = max(stamp_ns, self._newest.get(topic) or 0)
         computed_ns = self.simulation.computed_ns

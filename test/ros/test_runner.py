@@ -758,6 +758,11 @@ def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool, se
     at(1.9)
     # 2 N for 0.1 s.
     assert body.simulation.sample.linear_momentum_world[0] == pytest.approx(2.2)
+    # One of the time before that was under way.
+    push(100.5)
+    assert count(body, "superseded") == 2
+    push(3.0)
+    assert count(body, "superseded") == 2
 
 
 @pytest.mark.parametrize("paused", [False, True])
