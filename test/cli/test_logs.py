@@ -89,6 +89,8 @@ def test_whatever_goes_on_with_a_log_that_was_cut_off_says_so(
     assert main(["compare", str(log), str(cut)]) == 0
     assert f"note      {cut}: cut off at t = " in capsys.readouterr().out
     assert any(note.startswith("cut off at t = ") for note in read_flight(cut, read_scene(scene)).notes)
+    flown = read_flight(str(log), read_scene(scene), [str(cut)])
+    assert f"{cut} was cut off: what is missing is lost" in flown.notes
 
 
 def test_a_log_that_cannot_be_begun_is_bad_input(scene: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN, TOPICS
+from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
@@ -316,7 +316,10 @@ def acting_elsewhere(
     """
     channels = []
     for other in commands:
-        found = read_track(read_bag(other), scene, choice)
+        bag = read_bag(other)
+        found = read_track(bag, scene, choice)
+        if lost := loss(bag.complete, bag.metadata):
+            notes.append(f"{other} {lost}")
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
         channels += _channels(found, scene, zero, end_ns, path, notes)
