@@ -315,13 +315,20 @@ def _around(rates: Array) -> Array:
 
 
 def _explained(track: Track, jump: Jump) -> bool:
-    """Return whether somebody moved the body, the twist explains the motion, or it makes attitudes ambiguous."""
+    """Return whether somebody moved the body, twist or wrench explains it, or the twist makes attitudes ambiguous."""
     if ((track.moved_ns >= jump.start_ns) & (track.moved_ns < jump.end_ns)).any():
         return True
-    if track.twist is None:
-        return False
     length = jump.end_ns - jump.start_ns
-    begin, end = np.searchsorted(track.twist.time_ns, [jump.start_ns - length, jump.end_ns + length + 1])
-    rates = track.twist.values[begin:end, 3:] if jump.turns else track.twist.values[begin:end, :3]
-    told = float(np.linalg.norm(rates, axis=1).max(initial=0.0)) * length * 1e-9
+    around, told = [jump.start_ns - length, jump.end_ns + length + 1], 0.0
+    if track.twist is not None:
+        begin, end = np.searchsorted(track.twist.time_ns, around)
+        rates = track.twist.values[begin:end, 3:] if jump.turns else track.twist.values[begin:end, :3]
+        told = float(np.linalg.norm(rates, axis=1).max(initial=0.0)) * length * 1e-9
+    # What one interval of the largest wrench sets in motion.
+    body = track.body
+    least = 0.0 if body is None else min(body.principal_moments) if jump.turns else body.mass
+    for each in (wrench.accepted() for wrench in track.wrenches if least):
+        begin, end = np.searchsorted(each.time_ns, around)
+        acting = (each.torque if jump.turns else each.force)[max(begin - 1, 0) : end]
+        told += float(np.linalg.norm(acting, axis=1).max(initial=0.0)) / least * (length * 1e-9) ** 2
     return jump.size <= _TIMES * told or (jump.turns and told > 0.5 * np.pi)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bag_rows import add
 from noisy_recordings import scene_of
-from tumbling import Tumble, bag_of, checks_of, failing, spin
+from tumbling import Tumble, bag_of, checks_of, failing, fill, spin
 
 from rb_dynamics.analysis.continuity import continuity
 from rb_dynamics.analysis.identification.flights import flight_of
@@ -17,7 +17,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.message_types import ODOMETRY
+from rb_dynamics.formats.message_types import ODOMETRY, WRENCH
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -92,6 +92,24 @@ def test_a_held_pose_that_jumps_once_is_told() -> None:
     motion = spin(rate=0.0, speed=0.0)
     motion.orientation_xyzw[500:] = motion.turned(np.deg2rad(30.0))[500:]
     assert "by 30° within 0.01 s at t = 4.99 s" in failing(bag_of(motion, with_twist=False))[JUMPS]
+
+
+@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("seconds", [1.0, 0.01])
+def test_what_a_recorded_wrench_does_within_a_sample_is_no_jump(turns: bool, seconds: float) -> None:
+    """It turns by 0.5 rad, or goes 0.5 m, and stops: within 1 s, not within 10 ms, as 1 kg m^2 and 5 kg under this."""
+    motion = spin(rate=0.0, speed=0.0).taken(slice(0, 1000))
+    motion.time_ns = motion.time_ns[0] + np.arange(1000) * round(seconds * 1e9)
+    motion.position[500:] += (0.0 if turns else 0.5, 0.0, 0.0)
+    motion.orientation_xyzw[500:] = motion.turned(0.5 * turns)[500:]
+    bag = bag_of(motion, with_twist=False)
+    push = np.array([[10.0 * (not turns), 0.0, 0.0, 2.0 * turns, 0.0, 0.0]])
+    bag.topics["/w"] = Topic("/w", WRENCH)
+    at = motion.time_ns[499] + np.array([0, 0.5, 1.0]) * seconds * 1e9
+    fill(bag.topics["/w"], at.astype(np.int64), "base", np.vstack([push, -push, 0.0 * push]), 0)
+    found = continuity(read_track(bag, BALL))
+    assert found is not None
+    assert len(found.jumps) == (seconds < 1.0)
 
 
 @pytest.mark.parametrize("seed", range(12))
