@@ -77,8 +77,10 @@ _CUT_CHUNK = -1
 _GIT_LFS = b"version https://git-lfs.github.com/spec/"
 _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
-# Of a chunk: its record, its times, what is in it in bytes and their checksum, the length of the compression's name.
-_CHUNK_HEAD = struct.Struct("<BQQQQII")
+# Of a chunk: its times, what is in it in bytes and their checksum, the length of the compression's name.
+_CHUNK_HEAD = struct.Struct("<QQQII")
+# The longest name of a compression, and the size of the bytes after it.
+_CHUNK_HEAD_BYTES = _CHUNK_HEAD.size + 4 + 8
 # Where the summary begins, and the part of it that says where everything is; a checksum.
 _FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -542,8 +544,12 @@ class McapFile:
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
             start += _RECORD.size
+            if self.salvage and (inside := self._disguised_chunk(file, start, size, opcode, length)) is not None:
+                what = f"has a whole chunk at {start - _RECORD.size} in a record of another kind or length; it was read"
+                self.damage.append(str(self._damage(what)))
+                opcode, length = Opcode.CHUNK, inside
             # No record has opcode 0: a disk that lost its power leaves zeros.
-            astray = opcode == 0 or length > size - start
+            astray = opcode == 0 or length > size - start or (opcode == Opcode.FOOTER and length != _FOOTER.size)
             if astray and self.salvage and (chunk := _next_chunk(file, start, size)) is not None:
                 self.damage.append(
                     str(self._damage(f"has no record at {start - _RECORD.size}, and the next at {chunk}"))
@@ -552,6 +558,8 @@ class McapFile:
                 self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
                 start = file.seek(chunk)
                 continue
+            if astray and not self.salvage and _has_end(file, start, size):
+                raise self._damage(f"has no record at {start - _RECORD.size}, but more after it")
             if opcode == 0:
                 return
             if astray:
@@ -569,6 +577,28 @@ class McapFile:
             else:
                 file.seek(length, os.SEEK_CUR)
             start += length
+
+    def _disguised_chunk(self, file: BinaryIO, start: int, size: int, opcode: int, length: int) -> int | None:
+        """Return the length of a whole chunk from `start` on, if the record there says that it is something else.
+
+        Does not move the position in the file.
+        """
+        found = _chunk_length(file.read(_CHUNK_HEAD_BYTES))
+        if found is None or found > size - start or (opcode, length) == (Opcode.CHUNK, found):
+            file.seek(start)
+            return None
+        file.seek(start)
+        content = file.read(found)
+        file.seek(start)
+        try:
+            checksum = self._chunk_head(content)[2]
+            empty = not self._decompressed(content)
+        except MissingExtraError:
+            raise
+        except (LogError, UnicodeDecodeError):
+            return None
+        proven = checksum or opcode == Opcode.CHUNK or start - _RECORD.size in self._chunks
+        return found if proven and not empty else None
 
     def _chunk(self, content: bytes, unpacked: bytes | None, take: _Take[_Read]) -> Iterator[_Read]:
         try:
@@ -757,24 +787,42 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
 
     Does not move the position in the file.
     """
-    found, known = None, {len(name): name.encode() for name in _DECOMPRESSORS}
-    at = start
+    found, at = None, start
     while found is None and at < size:
         file.seek(at)
         part = file.read(2**20)
         place = part.find(Opcode.CHUNK)
         while place >= 0 and found is None:
             file.seek(at + place)
-            head = file.read(_CHUNK_HEAD.size + 12)
-            if len(head) > _CHUNK_HEAD.size + 11:
-                _, length, begin_ns, end_ns, unpacked, _, name = _CHUNK_HEAD.unpack_from(head)
-                text = head[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name]
-                fits = begin_ns <= end_ns < _END_OF_TIME and unpacked <= MAX_RECORD_BYTES and known.get(name) == text
-                if fits and at + place + _RECORD.size + length <= size:
-                    (packed,) = struct.unpack_from("<Q", head, _CHUNK_HEAD.size + name)
-                    found = at + place if packed + 40 + name == length else None
+            head = file.read(_RECORD.size)
+            if len(head) == _RECORD.size:
+                length = _RECORD.unpack(head)[1]
+                inside = _chunk_length(file.read(_CHUNK_HEAD_BYTES))
+                found = at + place if inside == length <= size - (at + place + _RECORD.size) else None
             place = part.find(Opcode.CHUNK, place + 1)
         at += len(part)
+    file.seek(start)
+    return found
+
+
+def _chunk_length(head: bytes) -> int | None:
+    """Return the length of a chunk by its fields; None if these bytes do not begin a chunk."""
+    if len(head) < _CHUNK_HEAD_BYTES:
+        return None
+    name: int
+    begin_ns, end_ns, unpacked, _, name = _CHUNK_HEAD.unpack_from(head)
+    after = _CHUNK_HEAD.size + name
+    known = head[_CHUNK_HEAD.size : after] in [each.encode() for each in _DECOMPRESSORS]
+    if not (known and begin_ns <= end_ns < _END_OF_TIME and unpacked <= MAX_RECORD_BYTES):
+        return None
+    packed: int = struct.unpack_from("<Q", head, after)[0]
+    return packed + after + 8
+
+
+def _has_end(file: BinaryIO, start: int, size: int) -> bool:
+    """Return whether a file ends like one that was finished; does not move the position in it."""
+    file.seek(size - len(MAGIC))
+    found = file.read(len(MAGIC)) == MAGIC
     file.seek(start)
     return found
 

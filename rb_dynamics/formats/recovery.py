@@ -78,7 +78,7 @@ def recover(source: Path, target: Path) -> list[Recovered]:
 def _says_something(path: Path, part: bool = True) -> bool:
     """Return whether there is a message in a file, or its writer finished it without one."""
     old = McapFile(path, salvage=True, part=part)
-    return any(True for _ in old.messages()) or old.complete
+    return any(True for _ in old.messages()) or (old.complete and not old.damage)
 
 
 def _nothing(source: Path) -> LogError:

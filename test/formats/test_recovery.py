@@ -138,6 +138,43 @@ def test_zeros_between_chunks_cost_no_chunk_behind_them(tmp_path: Path) -> None:
         assert read_bag(saved).topics["/pose"].log_times.tolist() == before
 
 
+@pytest.mark.parametrize("chunks", [1, 5])
+@pytest.mark.parametrize("flip", [(0, 1), (0, 2), (0, 4), (0, 64), (1, 4), (2, 8), (4, 2), (6, 128)])
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_a_flip_in_the_head_of_a_chunk_costs_no_message_and_is_not_said_to_be_a_cut(
+    tmp_path: Path, compression: CompressionType, flip: tuple[int, int], chunks: int
+) -> None:
+    """Opcode and length stand outside of every checksum; the fields within the chunk say what they were."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(2000)]
+    log = write_rows(tmp_path / "a.mcap", rows, chunk_size=250_000 // chunks, compression=compression)
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    at, places = 8, []
+    while at + 9 < len(data):
+        found, length = struct.unpack_from("<BQ", data, at)
+        places += [at] * (found == Opcode.CHUNK)
+        at += 9 + length
+    assert len(places) >= chunks
+    place, mask = flip
+    data[places[len(places) // 2] + place] ^= mask
+    log.write_bytes(data)
+    with pytest.raises(LogError, match=r"is damaged: .*save what can be read with `rb-dynamics recover`"):
+        read_bag(log)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
+
+
+def test_a_finished_file_of_which_nothing_can_be_read_is_not_copied(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
+    log = write_rows(tmp_path / "a.mcap", rows, compression=CompressionType.ZSTD)
+    data = bytearray(log.read_bytes())
+    data[data.index(b"zstd") + 20] ^= 1
+    log.write_bytes(data)
+    with pytest.raises(LogError, match="found no whole message"):
+        recover(log, tmp_path / "saved.mcap")
+    assert not (tmp_path / "saved.mcap").exists()
+
+
 @pytest.mark.parametrize("text", [b"float64 x", b"/twist"])
 def test_a_flip_in_the_summary_is_named_and_what_the_data_say_is_copied(tmp_path: Path, text: bytes) -> None:
     log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
         print(f"{file.name}: {file.counts.total()} messages{span}; the file was {each.state}")
         for piece in each.damage:
-            print(f"  left out: {piece}")
+            print(f"  {piece}")
         for begin_ns, end_ns in each.missing:
             begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (begin_ns, end_ns))
             print(f"  missing: t = {begin:.9g} to {end:.9g} s")
