@@ -43,7 +43,9 @@ SAMPLES = 100_000
 ROWS = 19
 """Of one output in Rerun, each an entity at a time."""
 PLAIN = "simulate SCENE --wrench BAG"
+FLOOR = "`simulate` of a coast, one output: what the start takes"
 COMMANDS = {
+    FLOOR: ["simulate", "coast.yaml"],
     PLAIN: ["simulate", "scene.yaml", "--wrench", "bag.mcap"],
     "the same, `--mcap`": ["simulate", "scene.yaml", "--wrench", "bag.mcap", "--mcap", "run.mcap"],
     "the same, `--mcap` and `--rerun`": [
@@ -62,6 +64,7 @@ def write_inputs(task: Problem, folder: Path, rate: int = 100, topics: tuple[str
         f"wrenches: [{', '.join(f'{{topic: {name}}}' for name in topics)}]\n"
         f"solver: {{method: auto, accuracy: {task.wanted!r}}}\nduration: {task.duration!r}\noutput_rate: {rate}\n"
     )
+    (folder / "coast.yaml").write_text("body: {mass: 2.0, inertia: {diagonal: [1, 2, 3]}}\nduration: 1.0\n")
     file = OutputFile(folder / "bag.mcap")
     writer = McapWriter(file, "benchmark")
     writer.begin()
