@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
-from rb_dynamics.analysis.pose_twist_consistency import Agreement
+from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement
 from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.channel_metadata import is_latched
@@ -271,7 +271,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
     aligned = f"; {each.words}" if each.words else ""
     if not each.contradicts:
-        return Check(name, True, f"they differ by {measured}{aligned}")
+        return Check(name, True, f"they differ by {measured}{f', {RARE}' * each.rare}{aligned}")
     if each.partly:
         zero = track.zero_ns
         when = [f"{(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in each.when_ns]

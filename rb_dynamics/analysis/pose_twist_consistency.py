@@ -42,6 +42,10 @@ _SHORTER = _SECOND // 10
 _SIGNIFICANT, _BETTER, _SEEN = 8.0, 0.5, 1e-3
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
+# What interpolation may explain of a difference, of its change with every second sample left out: a third to leading
+# order, and more for large rotations between samples.
+_OF_HALVED = 0.5
+RARE = "as interpolation between samples as rare as these may"
 
 
 _AS_IS = (1, 2, 3)
@@ -112,6 +116,7 @@ class Agreement:
         when_ns: first and last time of the windows, as far as they follow each other, in which they do so `partly`.
         arm: of the position that of the pose lies from that of the twist, m, body axes; None where that is not seen.
         arm_error: its standard error, m.
+        rare: whether interpolation between samples may explain a large `error`.
     """
 
     of: str
@@ -129,6 +134,7 @@ class Agreement:
     when_ns: tuple[tuple[int, int], ...] = ()
     arm: tuple[float, float, float] | None = None
     arm_error: float = 0.0
+    rare: bool = False
 
     @property
     def words(self) -> str:
@@ -193,8 +199,16 @@ def _with_arm(
     if found.error is None or found.nothing or found.remedy:
         return found
     (x, y, z), error = _lever_arm(both, readings[0])
-    if np.hypot(np.hypot(x, y), z) <= _SIGNIFICANT * error:
+    arm = float(np.hypot(np.hypot(x, y), z))
+    if arm <= _SIGNIFICANT * error:
         return found
+    rare = both.halved()
+    changed = (
+        np.inf if rare is None else float(np.linalg.norm(np.subtract(_lever_arm(rare, readings[0])[0], (x, y, z))))
+    )
+    if arm <= _OF_HALVED * changed:
+        return found
+    error = float(np.hypot(error, _OF_HALVED * changed))
     at_origin = replace(
         both,
         pose=stored(
@@ -245,7 +259,8 @@ def _with_alignment(
         return found
     given, part = readings[0], slice(3, 6) if found.of == "attitude" else slice(0, 3)
     rows, said = both.increments(found.of, given.world, twist), twist.values[:, part]
-    turn = float(np.median(sizes_of(both.turned)))
+    apart = (float(np.median(np.diff(each))) for each in (twist.time_ns, both.time_ns))
+    turn = float(np.median(sizes_of(both.turned))) * max(1.0, next(apart) / next(apart))
     aligned = fit_of_twist(both.time_ns, rows, twist.time_ns, said, turn)
     if not aligned.words:
         return found
@@ -262,12 +277,14 @@ def _with_alignment(
 
 
 class _Found(NamedTuple):
-    """Median relative error, median error per second, number and length (s) of windows, fraction that contradict.
+    """Median relative error, number and length (s) of windows, fraction that contradict.
 
+    `sure` and `speed` are medians, relative and per second, of what interpolation between samples does not explain,
     `odd` is whether any is far from the best, `when_ns` are first and last times of those that contradict.
     """
 
     error: float
+    sure: float
     speed: float
     windows: int
     window_s: float
@@ -286,6 +303,7 @@ class _Both:
         twist: (n - 1, 6), integral of the twist over each interval, in its own axes.
         turned: (n - 1, 3), rotation in each interval, rad, world axes.
         stretch: number of the stretch of each interval, -1 if it is not judged.
+        series: pose and twist as recorded.
     """
 
     time_ns: Times
@@ -293,21 +311,29 @@ class _Both:
     twist: Array
     turned: Array
     stretch: NDArray[np.int32]
+    series: tuple[TimeSeries, TimeSeries]
 
     @staticmethod
-    def of(pose: TimeSeries, twist: TimeSeries) -> _Both | None:
+    def of(pose: TimeSeries, twist: TimeSeries, every: int = 1) -> _Both | None:
         start = twist.time_ns[0]
         within = (pose.time_ns >= start) & (pose.time_ns <= twist.time_ns[-1])
         time_ns = pose.time_ns if within.all() else pose.time_ns[within]
-        if len(time_ns) < 2 * _LEAST_WINDOWS:
+        if len(time_ns) * every < 2 * _LEAST_WINDOWS:
             return None
         kept = (values[each] for values, each in zip(in_blocks(pose.values), in_blocks(within), strict=True))
         rows = stored((np.hstack([values[:, :3], unit_rows(values[:, 3:])]) for values in kept), 7)
         turned = stored((rotate_all(part[:-1, 3:], rotation_vectors(part[:, 3:])) for part in in_blocks(rows, 1)), 3)
         broken = _across_gaps(time_ns, twist.time_ns)
-        broken |= sizes_of(turned) > _FARTHEST
+        broken |= sizes_of(turned) > every * _FARTHEST
         stretch = np.where(broken, -1, np.cumsum(broken, dtype=np.int32)).astype(np.int32, copy=False)
-        return _Both(time_ns, rows, _integrals(twist, time_ns), turned, stretch)
+        return _Both(time_ns, rows, _integrals(twist, time_ns), turned, stretch, (pose, twist))
+
+    def halved(self) -> _Both | None:
+        """Return the same of every second sample; None for too few."""
+        pose, twist = self.series
+        rare = replace(pose, time_ns=self.time_ns[::2], values=self.pose[::2])
+        every_second = replace(twist, time_ns=twist.time_ns[::2], values=twist.values[::2])
+        return _Both.of(rare, every_second, 2)
 
     def increments(self, of: str, world: bool, twist: TimeSeries) -> Array:
         """Return the change in each interval in the axes of the twist, NaN where it is not judged."""
@@ -418,26 +444,29 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     given, *others = readings
 
     def compared(reading: TwistReading) -> _Found | None:
-        return _windows(both, of, columns, reading, floor)
+        return _windows(both, of, columns, reading, floor, known=reading is given)
 
     found = compared(given)
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
-    error, speed, count, window_s, beyond, odd, when_ns = found
+    error, sure, speed, count, window_s, beyond, odd, when_ns = found
     if not any(bool(rows.any()) for rows in in_blocks(both.twist[:, columns])):
         return Agreement(of, error, window_s, count, True, nothing=True)
     remedy, remaining = "", 0.0
-    if error > _CONTRADICTS:
+    if sure > _CONTRADICTS:
         remedy, remaining = _remedy(given, others, compared, _RECONCILED)
     if not remedy and speed > _SENSORS:
         # A difference about an axis about which the body hardly turns is small, and only that axis explains it.
         turned = [replace(given, axes=axes) for axes in _other_axes()]
         remedy, remaining = _remedy(given, turned, compared, _RECONCILED * min(1.0, error))
+    if sure <= _CONTRADICTS < error and not remedy:
+        return Agreement(of, None, reason=f"they differ by {100.0 * error:.3g} %, {RARE}")
     if error <= _CONTRADICTS and not remedy:
         partly = beyond if beyond * count > 1.5 else 0.0
         when_ns = when_ns if partly else ()
-        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd, when_ns=when_ns)
+        rare = sure <= _PART < error
+        return Agreement(of, error, window_s, count, partly > 0.0, partly=partly, odd=odd, when_ns=when_ns, rare=rare)
     contradicts = bool(remedy) or speed > _SENSORS
     if not contradicts:
         unit = "rad/s" if of == "attitude" else "m/s"
@@ -461,8 +490,8 @@ def _remedy(
     return first.words(given), error
 
 
-def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor: float) -> _Found | None:
-    """Return how they differ; None for too few windows.
+def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor: float, known: bool) -> _Found | None:
+    """Return how they differ, with what interpolation explains of it if it is to be `known`; None for too few windows.
 
     The shortest of 1 s, 10 s, ... in which the body moves far enough; from 0.1 s on of a short recording.
     """
@@ -475,16 +504,34 @@ def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor:
         error = np.linalg.norm(did - told, axis=1)
         kept = (size > floor) & (seconds >= 0.5e-9 * length)
         if int(kept.sum()) >= _LEAST_WINDOWS:
-            ratio, speed = error[kept] / size[kept], error[kept] / seconds[kept]
-            limit = max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))
-            beyond = (ratio > limit) & (speed > _SENSORS)
+            ratio, sure = error[kept] / size[kept], error[kept]
+            if known and ratio.max() > _PART:
+                changed = _halving(both, of, columns, reading, length, window, did - told)
+                sure = np.maximum(sure - _OF_HALVED * changed[kept], 0.0)
+            speed, rest = sure / seconds[kept], sure / size[kept]
+            beyond = (rest > max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))) & (speed > _SENSORS)
             begins = np.sort(both.time_ns[0] + window[kept][beyond] * length)
-            far = (ratio > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
-            middle = float(np.median(ratio)), float(np.median(speed))
+            odd = (rest > max(_PART, _ABOVE_USUAL * float(ratio.min()))) & (speed > _SENSORS)
+            middle = float(np.median(ratio)), float(np.median(rest)), float(np.median(speed))
             share, when = float(beyond.mean()), _spans(begins, length)
-            return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(far.any()), when)
+            return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(odd.any()), when)
         length *= 10
     return None
+
+
+def _halving(
+    both: _Both, of: str, columns: slice, reading: TwistReading, length: int, window: Times, left: Array
+) -> Array:
+    """Return by how much the difference in each window changes if every second sample is left out."""
+    rare = both.halved()
+    times, sums = (np.empty(0, np.int64), left) if rare is None else _sums(rare, of, columns, reading, length)
+    if not len(times):
+        return np.full(len(window), np.inf)
+    begins, first = np.unique(times, return_index=True)
+    # A window in which none of the longer intervals begins is within that of the window before.
+    at = np.maximum(np.searchsorted(begins, window, side="right") - 1, 0)
+    before: Array = np.array([np.bincount(at, column, len(begins)) for column in left.T]).T
+    return sizes_of(np.add.reduceat(sums[:, 1:4] - sums[:, 4:7], first) - before)[at]
 
 
 def _sums(both: _Both, of: str, columns: slice, reading: TwistReading, length: int) -> tuple[Times, Array]:

@@ -13,6 +13,8 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 
 # A spike is so many times the usual step of this many samples on either side from the median of these.
 _FAR, _STEPS, _AROUND = 5.0, 7, 3
+# Of the largest value near, a step that may be rounding.
+_ROUNDING = 1e-12
 # More samples than this part are the noise of the sensor.
 _MOST = 0.05
 # The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
@@ -82,5 +84,6 @@ def _far(rows: Array, part: slice) -> NDArray[np.bool_]:
     )
     usual = np.median(windows(np.pad(steps, _STEPS, mode="reflect"), 2 * _STEPS), axis=-1)
     # A coarse sensor often repeats itself: its least step is usual.
-    far: NDArray[np.bool_] = np.linalg.norm(near - middle, axis=1) > _FAR * np.maximum(usual, steps[steps > 0.0].min())
+    least = max(float(steps[steps > 0.0].min()), _ROUNDING * float(np.abs(near).max()))
+    far: NDArray[np.bool_] = np.linalg.norm(near - middle, axis=1) > _FAR * np.maximum(usual, least)
     return far[part.start - first :][: part.stop - part.start]

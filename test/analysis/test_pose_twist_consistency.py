@@ -251,3 +251,50 @@ def test_the_pose_of_a_marker_is_told_and_no_turned_axes(arm: tuple[float, float
     told = [check.detail for check in checks_of(bag_of(motion, twist_rows=body)) if check.name == MOVES]
     assert "the pose is of a point (" in told[0]
     assert "axes turned" not in told[0]
+
+
+def rolling(every_ns: int, count: int, spin_up: float, rate: float = 0.0, thrust: float = 0.0) -> Tumble:
+    """Return a body whose rate about z grows from `rate` by `spin_up`, rad/s^2; one of constant rate has a thrust."""
+    time_ns = every_ns * np.arange(count)
+    t = time_ns * 1e-9
+    omega, half, flat = rate + spin_up * t, 0.5 * (rate + 0.5 * spin_up * t) * t, np.zeros_like(t)
+    speed, radius = (thrust / rate, thrust / rate**2) if thrust else (0.0, 0.0)
+    return Tumble(
+        time_ns,
+        np.column_stack([0.5 * t - radius * np.cos(rate * t), -radius * np.sin(rate * t), flat]),
+        np.column_stack([flat, flat, np.sin(half), np.cos(half)]),
+        np.column_stack([0.5 + speed * np.sin(rate * t), -speed * np.cos(rate * t), flat]),
+        np.column_stack([flat, flat, omega]),
+    )
+
+
+def test_interpolation_between_rare_samples_is_no_contradiction_and_hides_no_torque() -> None:
+    """At 0.75 rad from sample to sample it explains 14 % of a window, which was called a contradiction."""
+    summary = summarize(read_track(bag_of(rolling(50_000_000, 300, 1.0), wrench=True), BALL))
+    assert summary.residual is not None
+    assert not summary.residual.explained
+    assert summary.residual.strongest.torque_body == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+    rare = agreements(read_track(bag_of(rolling(50_000_000, 200, 0.0, 16.0))))[1]
+    assert rare.rare
+    assert not rare.contradicts
+    assert rare.error is not None
+    assert rare.error > 0.1
+    # With a twist rarer still it is more than a contradiction.
+    motion = rolling(50_000_000, 400, 0.0, 10.0)
+    assert (
+        "as interpolation" in agreements(read_track(bag_of(motion, twist=motion.taken(np.arange(0, 400, 4)))))[1].reason
+    )
+
+
+def test_interpolation_is_neither_a_lever_arm_nor_a_factor() -> None:
+    motion = rolling(100_000_000, 200, 0.0, 5.0, 2.0)
+    (found,) = agreements(read_track(bag_of(motion, twist_frame="world", twist_rows=in_world(motion))))[1:]
+    assert not found.words
+    motion.position += rotate_all(motion.orientation_xyzw, np.tile([0.3, 0.2, 0.0], (200, 1)))
+    (found,) = agreements(read_track(bag_of(motion, twist_frame="world", twist_rows=in_world(motion))))[1:]
+    assert found.arm is not None
+    assert float(np.linalg.norm(np.subtract(found.arm, (0.3, 0.2, 0.0)))) < found.arm_error < 0.1
+    motion = precessing()
+    for every in (20, 30, 40):
+        turning, _ = agreements(read_track(bag_of(motion, twist=motion.taken(np.arange(0, 1000, every)))))
+        assert not turning.words

@@ -13,7 +13,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.analysis.unexplained_wrench import residual
-from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -87,3 +87,13 @@ def test_what_the_pose_shows_too_is_motion(quick: int) -> None:
         twist = read_track(bag_of(turns, twist_rows=rows)).twist
         assert twist is not None
         assert len(twist.spikes) == (turns is not motion)
+
+
+def test_rounding_is_no_spike() -> None:
+    motion = spin()
+    motion.velocity = np.tile([1.0, 0.0, 0.0], (1000, 1))
+    motion.position = motion.velocity * motion.time_ns[:, None] * 1e-9
+    rows = np.hstack([motion.velocity, rotate_all(motion.orientation_xyzw, motion.rate)])
+    rows[::50, 0] += 2.0**-52
+    rows[333, 0] += 2.0**-39
+    assert not failing(bag_of(motion, twist_frame="world", twist_rows=rows))
