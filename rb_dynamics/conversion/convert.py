@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -445,10 +446,13 @@ def table_to_bag(table: Path, target: Path) -> int:
     `topic` (default "wrench") and `frame_id` (default "": body axes); to actuators `command` and `topic`.
 
     Raises:
-        LogError: the table cannot be read, naming line and column, or `target` is `table` or cannot be written.
+        LogError: the table cannot be read, naming line and column, or has no commands, or `target` is `table` or cannot
+            be written.
     """
     require_other(target, table)
     commands = list(_read_commands(table))
+    if not commands:
+        raise LogError(f"{table}: found no rows below the columns, expected commands; give a table with at least one")
     qos = qos_profile(COMMAND_DEPTH)
     kinds = {topic: SCALAR if isinstance(command, float) else WRENCH for _, topic, command in commands}
     channels = {topic: log_channel(topic, kind, qos) for topic, kind in kinds.items()}
@@ -518,6 +522,8 @@ def _time_ns(row: dict[str, str], where: str) -> int:
         time_ns = rounded_multiple(row[name].strip(), unit)
     except (ValueError, AttributeError):
         raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a number; correct the cell") from None
+    if unit == 1 and Fraction(row[name].strip()) != time_ns:
+        raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a whole number; correct the cell")
     if not 0 <= time_ns < 2**31 * 10**9:
         raise LogError(
             f"{where}, {name}: found {shown(row[name])}, expected a time from 0 to 2^31 s (68 years); count from the "

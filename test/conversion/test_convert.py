@@ -153,6 +153,8 @@ def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
         ("", r"the columns are \[\], expected time_ns or time_s, force_x"),
         ("time_s,force_x\n", "expected time_ns or time_s"),
         (HEAD + "\n1,0,0,0,0,0,0\n2,0,0,x,0,0,0\n", "line 3, force_z: found 'x', expected a number"),
+        (HEAD + "\n", "found no rows below the columns, expected commands"),
+        (HEAD.replace("_s", "_ns", 1) + "\n1.5,0,0,0,0,0,0\n", "line 2, time_ns: found '1.5', expected a whole number"),
         (HEAD + "\nsoon,0,0,0,0,0,0\n", "line 2, time_s: found 'soon'"),
         (HEAD + "\n1e99999999,0,0,0,0,0,0\n", "line 2, time_s: found '1e99999999', expected a number"),
         (HEAD + "\n1e-99999999,0,0,0,0,0,0\n", "line 2, time_s: found '1e-99999999', expected a number"),
