@@ -169,7 +169,7 @@ def _momentum(track: Track, name: str, kind: str, unit: str, series: TimeSeries,
     measured = _measured(bool(idle[good].all()), kind, by_quadrature, unit)
     steps = None if track.own else wander(track, (turned for _, turned in turning()), time_ns)
     blocks, covered, noise = _from_start(left, 3, good, time_ns, track.own, steps)
-    rest = f"a {kind} acts in body axes or none is logged, and the samples do not give its impulse"
+    rest = f"the {kind} is not known, or acts in body axes and the samples do not give its impulse"
     if moved.any():
         rest += ", or the body was moved from outside (set_state)"
     basis = _basis(measured, covered, rest)

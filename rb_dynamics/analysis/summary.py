@@ -285,6 +285,8 @@ def _fitted_instead(track: Track) -> str:
     pose, twist = track.pose, track.twist
     if track.own or (pose is None and twist is None):
         return ""
+    if unknown := [steps.topic for steps in track.acting if len(steps.known) and not steps.known.any()]:
+        return f"the effect of {' and '.join(unknown)} is not known"
     if pose is None or twist is None:
         why = f"no topic of a {'pose' if pose is None else 'twist'}"
     elif twist.partial:

@@ -492,6 +492,7 @@ def test_wrench_in_an_unknown_frame_is_not_judged(bagger: Any, scene_dir: Path) 
     judged = sum(check.judged for check in summary.checks)
     assert as_text(summary).endswith(f"all {judged} checks passed")
     assert any("frames: nozzle" in note for note in summary.notes)
+    assert "not judged; the effect of /w is not known" in as_text(summary)
     assert summary.passed
 
 
