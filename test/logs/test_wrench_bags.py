@@ -57,6 +57,21 @@ def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
     found.require_some()
 
 
+def test_a_bag_that_was_cut_off_before_its_first_command_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\nduration: 10\n"
+    scene, log = tmp_path / "scene.yaml", tmp_path / "run.mcap"
+    scene.write_text(text)
+    command = Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), "body", 9 * SECOND)
+    simulate(parse_scene(text), [("wrench", command)], [McapSink(log)])
+    data = log.read_bytes()
+    assert main(["simulate", str(scene), "--wrench", str(log)]) == 0
+    log.write_bytes(data[: len(data) // 5])
+    assert main(["simulate", str(scene), "--wrench", str(log)]) == 2
+    assert "was cut off: no command is left in it" in capsys.readouterr().err
+
+
 def test_order_is_by_stamp_and_for_equal_stamps_that_of_the_log(tmp_path: Path) -> None:
     stamps = [30, 10, 20, 10, 30, 20, 10]
     rows: list[Row] = [(f"/{'ab'[i % 2]}", STAMPED, 100 + i, stamped(at, i)) for i, at in enumerate(stamps)]
