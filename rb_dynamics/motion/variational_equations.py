@@ -8,7 +8,8 @@ R -> R exp(e), and the changes of w, p and v. State and columns take the same st
     p' = v                 v' = (R (f - (c + c2 |u|) u) + f_w) / m + g,   u = R^T (v - wind)
 
 Each interval of the grid holds a wrench f, t (body axes), f_w, t_w (world axes) and has a rotor momentum h (body axes)
-that is linear in time.
+that is linear in time. Other effects, also those of plug-ins, are functions of time, state and parameters, added to f_w
+and t. They alone are differentiated by central differences, column by column.
 """
 
 from __future__ import annotations
@@ -17,8 +18,15 @@ import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.loads.compiled_load import EffectLoad
+from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.numerics.compilation import specialise
+from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
+from rb_dynamics.numerics.compilation import compiled_apart, specialise
+from rb_dynamics.numerics.rotation import Quaternion, multiply, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,16 +42,22 @@ STATE = 13
 COLUMN = 12
 """Size of a column: turn, and changes of w, p and v."""
 
-HELD = 18
-"""Size of an interval: f, t, f_w, t_w, h at its start, h'."""
+HELD = 19
+"""Size of an interval: f, t, f_w, t_w, h at its start, h', and its start (s)."""
 
 BODY = 28
 """Size of a body: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, m, then k, c, k2, c2, wind of c, wind of c2 and g, three each."""
 
+LOADED = 5
+"""Numbers of a row of other effects before theirs: 1 / (difference of a parameter), and principal to body axes."""
+
+# Of a state, by how much it is moved for a difference: its truncation and its rounding are as small as each other.
+_MOVED = 1e-6
+
 _SIGNATURE = (
     "void(float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
-    "float64[:, :, ::1], float64[::1], int64[::1], int64[::1], int64, int64, float64[:, ::1], float64[:, :, ::1], "
-    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1])"
+    "float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1], int64[::1], int64, int64, "
+    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1])"
 )
 
 
@@ -55,6 +69,7 @@ def rates(
     body_by: Numbers,
     held: Numbers,
     held_by: Numbers,
+    loads: Any,
     time: float,
     moves: int,
     dx: Numbers,
@@ -64,6 +79,8 @@ def rates(
 
     `inverse` is the inverse inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, m) are the derivatives of
     `body` and `held` with respect to the parameters of the columns; `held_by` belongs to the last m of the n columns.
+    `loads` are the other effects: none, or rows of `LOADED` numbers and those of `EffectLoad`. The first is at the
+    parameters, and two of each column are at one that is larger, and smaller; 1 / difference is 0 if it does not count.
     If `moves` is 0, p and v are left out.
     """
     qx, qy, qz, qw = x[0], x[1], x[2], x[3]
@@ -91,6 +108,10 @@ def rates(
     t1 = held[3] + g1 - k1 * w1 - (w2 * h3 - w3 * h2) - held[15]
     t2 = held[4] + g2 - k2 * w2 - (w3 * h1 - w1 * h3) - held[16]
     t3 = held[5] + g3 - k3 * w3 - (w1 * h2 - w2 * h1) - held[17]
+    l1, l2, l3 = 0.0, 0.0, 0.0
+    if len(loads) > 0:
+        (l1, l2, l3), (y1, y2, y3) = load_at(loads, 0, held[18] + time, state_of(x))
+        t1, t2, t3 = t1 + y1, t2 + y2, t3 + y3
     a1 = inverse[0] * t1 + inverse[1] * t2 + inverse[2] * t3
     a2 = inverse[3] * t1 + inverse[4] * t2 + inverse[5] * t3
     a3 = inverse[6] * t1 + inverse[7] * t2 + inverse[8] * t3
@@ -106,9 +127,9 @@ def rates(
     f1 = held[0] - body[10] * u1 - body[16] * speed * z1
     f2 = held[1] - body[11] * u2 - body[17] * speed * z2
     f3 = held[2] - body[12] * u3 - body[18] * speed * z3
-    p1 = r11 * f1 + r12 * f2 + r13 * f3 + held[6]
-    p2 = r21 * f1 + r22 * f2 + r23 * f3 + held[7]
-    p3 = r31 * f1 + r32 * f2 + r33 * f3 + held[8]
+    p1 = r11 * f1 + r12 * f2 + r13 * f3 + held[6] + l1
+    p2 = r21 * f1 + r22 * f2 + r23 * f3 + held[7] + l2
+    p3 = r31 * f1 + r32 * f2 + r33 * f3 + held[8] + l3
     dx[7], dx[8], dx[9] = x[10], x[11], x[12]
     dx[10], dx[11], dx[12] = p1 / m + body[25], p2 / m + body[26], p3 / m + body[27]
     first = s.shape[1] - held_by.shape[1]
@@ -132,15 +153,19 @@ def rates(
         t1 += g2 * e3 - g3 * e2
         t2 += g3 * e1 - g1 * e3
         t3 += g1 * e2 - g2 * e1
+        l1, l2, l3 = 0.0, 0.0, 0.0
+        if len(loads) > 0:
+            (l1, l2, l3), (d1, d2, d3) = load_changes(loads, j, held[18] + time, x, s)
+            t1, t2, t3 = t1 + d1, t2 + d2, t3 + d3
         if is_held(j, first):
             i = of_held(j, first)
             y1 += held_by[12, i] + held_by[15, i] * time
             y2 += held_by[13, i] + held_by[16, i] * time
             y3 += held_by[14, i] + held_by[17, i] * time
-            l1, l2, l3 = held_by[9, i], held_by[10, i], held_by[11, i]
-            t1 += held_by[3, i] + r11 * l1 + r21 * l2 + r31 * l3 - held_by[15, i]
-            t2 += held_by[4, i] + r12 * l1 + r22 * l2 + r32 * l3 - held_by[16, i]
-            t3 += held_by[5, i] + r13 * l1 + r23 * l2 + r33 * l3 - held_by[17, i]
+            d1, d2, d3 = held_by[9, i], held_by[10, i], held_by[11, i]
+            t1 += held_by[3, i] + r11 * d1 + r21 * d2 + r31 * d3 - held_by[15, i]
+            t2 += held_by[4, i] + r12 * d1 + r22 * d2 + r32 * d3 - held_by[16, i]
+            t3 += held_by[5, i] + r13 * d1 + r23 * d2 + r33 * d3 - held_by[17, i]
         t1 -= o2 * h3 - o3 * h2 + w2 * y3 - w3 * y2 + b11 * a1 + b12 * a2 + b13 * a3
         t2 -= o3 * h1 - o1 * h3 + w3 * y1 - w1 * y3 + b12 * a1 + b22 * a2 + b23 * a3
         t3 -= o1 * h2 - o2 * h1 + w1 * y2 - w2 * y1 + b13 * a1 + b23 * a2 + b33 * a3
@@ -164,15 +189,75 @@ def rates(
             v1 -= body[16] * (grows * z1 + speed * n1) + f2 * e3 - f3 * e2
             v2 -= body[17] * (grows * z2 + speed * n2) + f3 * e1 - f1 * e3
             v3 -= body[18] * (grows * z3 + speed * n3) + f1 * e2 - f2 * e1
-            l1, l2, l3 = 0.0, 0.0, 0.0
             if is_held(j, first):
                 i = of_held(j, first)
                 v1, v2, v3 = v1 + held_by[0, i], v2 + held_by[1, i], v3 + held_by[2, i]
-                l1, l2, l3 = held_by[6, i], held_by[7, i], held_by[8, i]
+                l1, l2, l3 = l1 + held_by[6, i], l2 + held_by[7, i], l3 + held_by[8, i]
             lighter = body_by[6, j] / m
             ds[9, j] = (r11 * v1 + r12 * v2 + r13 * v3 + l1 - p1 * lighter) / m + body_by[25, j]
             ds[10, j] = (r21 * v1 + r22 * v2 + r23 * v3 + l2 - p2 * lighter) / m + body_by[26, j]
             ds[11, j] = (r31 * v1 + r32 * v2 + r33 * v3 + l3 - p3 * lighter) / m + body_by[27, j]
+
+
+@compiled_apart
+def load_at(loads: Any, row: int, at: float, state: tuple[float, ...]) -> tuple[Vector, Vector]:
+    """Return force (world axes) and torque (body axes) of other effects at a time and a state."""
+    qx, qy, qz, qw, w1, w2, w3, p1, p2, p3, v1, v2, v3 = state
+    n = 1.0 / math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    axes = (loads[row, 1], loads[row, 2], loads[row, 3], loads[row, 4])
+    orientation = multiply((n * qx, n * qy, n * qz, n * qw), axes)
+    force, torque = load_of(loads, row, at, (p1, p2, p3), (v1, v2, v3), orientation, rotate_inverse(axes, (w1, w2, w3)))
+    return force, rotate(axes, torque)
+
+
+def load_of(
+    loads: Any, row: int, at: float, position: Vector, velocity: Vector, orientation: Quaternion, rate: Vector
+) -> tuple[Vector, Vector]:
+    """Return force (world axes) and torque (principal axes) of a row."""
+    load: Any = EffectLoad(loads[row], at, position)
+    return evaluated(load, 0.0, ZERO, velocity, orientation, rate)
+
+
+def state_of(x: Numbers) -> tuple[float, ...]:
+    """Return the numbers of a state."""
+    return (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12])
+
+
+@compiled_apart
+def load_changes(loads: Any, j: Any, at: float, x: Numbers, s: Numbers) -> tuple[Vector, Vector]:
+    """Return the derivatives of force and torque of other effects by the parameter of a column, with the state's."""
+    force, torque = ZERO, ZERO
+    e1, e2, e3, o1, o2, o3 = s[0, j], s[1, j], s[2, j], s[3, j], s[4, j], s[5, j]
+    a1, a2, a3, b1, b2, b3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if s.shape[0] > 6:
+        a1, a2, a3, b1, b2, b3 = s[6, j], s[7, j], s[8, j], s[9, j], s[10, j], s[11, j]
+    size = max(
+        length(e1, e2, e3),
+        length(o1, o2, o3) / (1.0 + length(x[4], x[5], x[6])),
+        length(a1, a2, a3) / (1.0 + length(x[7], x[8], x[9])),
+        length(b1, b2, b3) / (1.0 + length(x[10], x[11], x[12])),
+    )
+    q = (x[0], x[1], x[2], x[3])
+    for side in (1.0, -1.0):
+        if size > 0.0:
+            h = side * _MOVED / size
+            turn = multiply(q, (0.5 * h * e1, 0.5 * h * e2, 0.5 * h * e3, 1.0))
+            rate = (x[4] + h * o1, x[5] + h * o2, x[6] + h * o3)
+            place = (x[7] + h * a1, x[8] + h * a2, x[9] + h * a3)
+            speed = (x[10] + h * b1, x[11] + h * b2, x[12] + h * b3)
+            more = load_at(loads, 0, at, (*turn, *rate, *place, *speed))
+            force, torque = add_scaled(force, 0.5 / h, more[0]), add_scaled(torque, 0.5 / h, more[1])
+        row = 1 + 2 * j + (0 if side > 0.0 else 1)
+        if loads[row, 0] != 0.0:
+            more = load_at(loads, row, at, state_of(x))
+            slope = side * loads[row, 0]
+            force, torque = add_scaled(force, slope, more[0]), add_scaled(torque, slope, more[1])
+    return force, torque
+
+
+def length(x: float, y: float, z: float) -> float:
+    """Return the norm."""
+    return math.sqrt(x * x + y * y + z * z)
 
 
 def propagate_sensitivities(
@@ -183,6 +268,7 @@ def propagate_sensitivities(
     body_by: Numbers,
     held: Numbers,
     held_by: Numbers,
+    loads: Any,
     lengths: Numbers,
     steps: Counts,
     shifts: Counts,
@@ -205,6 +291,7 @@ def propagate_sensitivities(
         body_by: (BODY, n).
         held: (k, HELD), of each interval.
         held_by: (k, HELD, m), for the last m of the columns; or (1, HELD, m), the same for all.
+        loads: (0 or 1 + 2 n, ...), see `rates`.
         lengths: (k,), s.
         steps: (k,), Runge-Kutta steps of each interval.
         shifts: (k,), the column that is the time at which the interval starts, or -1.
@@ -226,7 +313,7 @@ def propagate_sensitivities(
             # If the interval starts later, the rates before its start act for longer, and those after it for less.
             for side in range(2):
                 b, ahead = k - 1 + side, lengths[k - 1] * (1 - side)
-                rates(x, s, body, inverse, body_by, held[b], held_by[min(b, last)], ahead, moves, dx, ds)
+                rates(x, s, body, inverse, body_by, held[b], held_by[min(b, last)], loads, ahead, moves, dx, ds)
                 for i in range(3):
                     s[3 + i, shifts[k]] += (1 - 2 * side) * dx[4 + i]
                     s[9 + i, shifts[k]] += (1 - 2 * side) * dx[10 + i]
@@ -236,7 +323,7 @@ def propagate_sensitivities(
             copy(x, s, end, end_by)
             for stage in range(4):
                 ahead = (step + 0.5 * ((stage + 1) // 2)) * h
-                rates(at, at_by, body, inverse, body_by, held[k], held_by[min(k, last)], ahead, moves, dx, ds)
+                rates(at, at_by, body, inverse, body_by, held[k], held_by[min(k, last)], loads, ahead, moves, dx, ds)
                 add(h / (3.0 if stage in (1, 2) else 6.0), dx, ds, end, end_by)
                 copy(x, s, at, at_by)
                 add(h * (1.0 if stage == 2 else 0.5), dx, ds, at, at_by)
@@ -247,7 +334,20 @@ def propagate_sensitivities(
         copy(x, s, states[k], columns[k])
         if len(slopes) > 0:
             ahead = lengths[k]
-            rates(x, s, body, inverse, body_by, held[k], held_by[min(k, last)], ahead, moves, slopes[k], slopes_by[k])
+            rates(
+                x,
+                s,
+                body,
+                inverse,
+                body_by,
+                held[k],
+                held_by[min(k, last)],
+                loads,
+                ahead,
+                moves,
+                slopes[k],
+                slopes_by[k],
+            )
 
 
 def copy(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
@@ -307,20 +407,53 @@ def _add_whole(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> No
     s += h * ds
 
 
+def _load_in_python(loads: Any, row: int, at: float, *where: Any) -> tuple[Vector, Vector]:
+    """Return the load of a row that ends with a function of a point; NaN where it fails, as compiled."""
+    try:
+        found: tuple[Vector, Vector] = loads[row, LOADED](Point(at, *where))
+    except RigidBodyError:
+        nothing = (math.nan, math.nan, math.nan)
+        return nothing, nothing
+    return found
+
+
+def _changes_of_columns(loads: Any, j: Any, at: float, x: Numbers, s: Numbers) -> Any:
+    import numpy as np
+
+    found = [_changes_in_python(loads, i, at, x, s) for i in range(j.start, j.stop)]
+    return tuple(tuple(np.array([each[k][i] for each in found]) for i in range(3)) for k in range(2))
+
+
+_load_at_in_python = specialise(load_at, "load_in_python", load_of=_load_in_python)
+_changes_in_python = specialise(load_changes, "changes_in_python", load_at=_load_at_in_python)
+
 plain = specialise(
     propagate_sensitivities,
     "sensitivities_of_rows",
     rates=specialise(
-        rates, "rates_of_rows", columns_of=_columns_in_two, is_held=_is_held_slice, of_held=_slice_of_held
+        rates,
+        "rates_of_rows",
+        columns_of=_columns_in_two,
+        is_held=_is_held_slice,
+        of_held=_slice_of_held,
+        load_at=_load_at_in_python,
+        load_changes=_changes_of_columns,
     ),
     copy=_copy_whole,
     add=_add_whole,
 )
 
-# Cost of a step in plain Python, in steps of rk4, for any number of columns.
+# Cost of a step in plain Python, in steps of rk4, for any number of columns; how often one evaluates other effects.
+_EVALUATED = 100.0
 VARIATIONAL = OnDemand("identify", propagate_sensitivities, _SIGNATURE, steps=50.0)
 
 
-def kernel(steps: int, calls: int) -> Callable[..., None]:
-    """Return `propagate_sensitivities`, compiled if that pays for this number of calls and steps."""
-    return VARIATIONAL.get(steps * calls, steps) or plain
+def kernel(steps: int, calls: int, effects: tuple[float, ...] | None = ()) -> Callable[..., None]:
+    """Return `propagate_sensitivities`, compiled if that pays for this number of calls and steps.
+
+    It is plain if other effects have no numbers (None), or functions that do not compile.
+    """
+    ahead = steps * calls
+    if effects is None or not are_ready(plugin_kernels(effects), [VARIATIONAL], _EVALUATED * ahead, _EVALUATED * steps):
+        return plain
+    return VARIATIONAL.get(ahead, steps) or plain

@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 import itertools
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -23,19 +23,22 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, ParameterBlock, rows_of
 from rb_dynamics.analysis.track import Array, Times
-from rb_dynamics.errors import SceneError
+from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import BodyError, SceneError
+from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
-from rb_dynamics.loads.effect import Effect
+from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, Wrench
-from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel
+from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel, plain
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
-from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.scene.model import Scene
 
-MODELLED = (UniformGravity, LinearDrag, QuadraticDrag, Rotor, ScheduledWrench)
+DIFFERENTIATED = (UniformGravity, LinearDrag, QuadraticDrag, Rotor, ScheduledWrench)
+"""Effects whose derivatives are exact; those of others come from differences of their loads."""
 
 # Where the coefficients of an effect stand in the numbers of the body.
 _PLACES = {
@@ -58,6 +61,9 @@ _LOST = 1e150
 
 NODE = "state"
 """Kind of a stream of one row: the state (STATE,) in which the next segment of a flight begins; see `restarted`."""
+
+# Of the plausible, by how much a number is moved for a difference.
+_MOVED = 1e-6
 
 # rad that a body turns in a step, at first; halved where the error of the steps counts.
 TURN = 0.06
@@ -131,14 +137,25 @@ class Model:
         # Where an accelerometer sits and how far it is off must be fitted for it to be of use.
         unused = () if "accelerometer" in fit else (ACCELERATION,)
         self.flights = tuple(flight.without(unused) for flight in flights)
+        self.others = [
+            i
+            for i, effect in enumerate(scene.effects)
+            if type(effect) not in DIFFERENTIATED and effect.wrenching(scene.body, 0.0) is not None
+        ]
         self._require_modelled()
         self.inertia = InertiaParameters(scene.body)
         self._like = like or Body(scene.body.mass, np.zeros(3), np.array(scene.body.inertia))
         self.starts = [_start(flight) for flight in self.flights]
+        # What other effects depend on is not known.
         self.moves = [
-            any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
+            bool(self.others)
+            or any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
             for flight in self.flights
         ]
+        if self.others:
+            self.starts = [
+                self._with_initial(start, flight) for start, flight in zip(self.starts, self.flights, strict=True)
+            ]
         self.turn = TURN
         self.layout = Layout()
         self._held_from = 0
@@ -196,6 +213,18 @@ class Model:
         other.layout = layout
         return other
 
+    def _with_initial(self, start: InitialEstimate, flight: Flight) -> InitialEstimate:
+        """Return a start that has from the scene what the flight does not measure: other effects depend on it."""
+        initial, kinds = self.scene.initial, {stream.kind for stream in flight.streams}
+        if ATTITUDE not in kinds:
+            start = replace(start, attitude=np.array(initial.orientation_xyzw))
+        if not kinds & {POSITION, VELOCITY}:
+            first, last = flight.span_ns
+            velocity = np.array(initial.linear_velocity_world)
+            extent = max(start.extent, float(np.linalg.norm(velocity)) * (last - first) / NANOSECONDS)
+            start = replace(start, position=np.array(initial.position_world), velocity=velocity, extent=extent)
+        return start
+
     @property
     def _drags(self) -> bool:
         return any(
@@ -224,11 +253,16 @@ class Model:
             )
         kinds: list[type] = []
         for effect in self.scene.effects:
-            if not isinstance(effect, MODELLED):
-                known = ", ".join(kind.kind for kind in MODELLED)
+            if type(effect) not in DIFFERENTIATED and (effect.knots() or effect.schedule(self.scene.body)):
                 raise SceneError(
-                    f"{self.scene.source}: effects: found {effect.kind}, expected only {known}, whose "
-                    f"derivatives are known; remove it where it hardly acts, with --set effects=[] or in the scene"
+                    f"{source}: effects: {effect.kind} holds wrenches, or begins or ends at a time, expected a load "
+                    "without, as derivatives of the motion do not know these; remove it where it hardly acts, with "
+                    "--set effects=[] or in the scene"
+                )
+            if type(effect) is not UniformGravity and effect.gravity() and "accelerometer" in self.fit:
+                raise SceneError(
+                    f"{source}: effects: {effect.kind} and an accelerometer that is fitted, expected uniform_gravity, "
+                    "as only that is taken off what it measures; fit without accelerometer"
                 )
             if isinstance(effect, (LinearDrag, QuadraticDrag)) and type(effect) in kinds:
                 raise SceneError(f"{self.scene.source}: effects: found {effect.kind} twice, expected once; add them up")
@@ -280,13 +314,13 @@ class Model:
         """Lay out effects and scales of wrenches; what changes what is held comes last."""
         layout, keys = self.layout, [key for key in self.fit if key.startswith("effects[")]
         for key in keys:
-            if self._place(key)[2] >= 0:
+            if self._place(key)[2] != -1:
                 self._add_effect(key)
         self._held_from = layout.count
         if "center_of_mass" in self.fit and self._levers:
             layout.add("center_of_mass", np.full(3, arm), self.scene.body.center_of_mass)
         for key in keys:
-            if self._place(key)[2] < 0:
+            if self._place(key)[2] == -1:
                 self._add_effect(key)
         if "wrench_scale" in self.fit:
             for topic in sorted({channel.topic for flight in self.flights for channel in flight.channels}):
@@ -322,7 +356,7 @@ class Model:
         return (last - first) / NANOSECONDS
 
     def _place(self, key: str) -> tuple[Effect, str, int]:
-        """Return effect, name and place in the numbers of the body (-1: none) of a dotted key.
+        """Return effect, name and place in the numbers of the body (-1: is held, -2: other effect) of a dotted key.
 
         Raises:
             SceneError: the scene has no such number.
@@ -337,6 +371,8 @@ class Model:
                 name in _ROTOR[:2] or (name == "spin_rate" and len(effect.spin_rate) == 1)
             ):
                 return effect, name, -1
+            if int(number) in self.others and name in _numbers_of(effect):
+                return effect, name, -2
             entry = _SCHEDULED.fullmatch(name)
             if isinstance(effect, ScheduledWrench) and entry and int(entry[1]) < len(effect.entries):
                 return effect, name, -1
@@ -346,9 +382,10 @@ class Model:
             for name in (
                 [f"schedule[{k}].{kind}" for k in range(len(effect.entries)) for kind in ("force", "torque")]
                 if isinstance(effect, ScheduledWrench)
-                else effect.keys
+                else (_numbers_of(effect) if i in self.others else effect.keys)
             )
             if (type(effect), name) in _PLACES
+            or i in self.others
             or (isinstance(effect, Rotor) and name in _ROTOR)
             or isinstance(effect, ScheduledWrench)
         ]
@@ -358,12 +395,15 @@ class Model:
         )
 
     def _add_effect(self, key: str) -> None:
-        effect, name, _ = self._place(key)
+        effect, name, place = self._place(key)
         if isinstance(effect, ScheduledWrench):
             value: Any = _of_schedule(effect, name, self.scene)[1]
         else:
             value = getattr(effect, name)
         start = np.array([value[0][1]] if name == "spin_rate" else np.atleast_1d(value), dtype=np.float64)
+        if place == -2:
+            self.layout.add(key, np.full(len(start), float(np.abs(start).max()) or 1.0), start)
+            return
         body, start_of = self._like, self.starts[0]
         seconds = max(1e-9, *(self._seconds(number) for number in range(len(self.flights))))
         moment = float(np.linalg.eigvalsh(body.inertia)[-1])
@@ -457,13 +497,18 @@ class Model:
         count, lowest = len(knots), int(knots.argmin())
         rows = [lowest + np.searchsorted(knots[lowest:], at) for at in times]
         lengths = (knots - starts) / NANOSECONDS
-        steps = np.maximum(1, np.ceil(np.abs(lengths) * self.starts[number].fastest / self.turn)).astype(np.int64)
-        advance = kernel(int(steps.sum()), _CALLS)
+        # Other effects may vary faster than the body turns: then, too, shorter steps must show an error of the steps.
+        least = np.ceil(TURN / self.turn) if self.others else 1
+        steps = np.maximum(least, np.ceil(np.abs(lengths) * self.starts[number].fastest / self.turn)).astype(np.int64)
         numbers, by = self._numbers(z)
         inverse = np.linalg.inv(rows_of(numbers[:6])).ravel()
         moves = int(self.moves[number] or slopes)
         state, columns = self.start_of(z, number)
         mine = self._columns(number) if derivatives else np.zeros(0, dtype=np.int64)
+        others = self._other_effects(z)
+        if others is None:
+            numbers[:] = np.nan
+        advance, loads = self._others_acting(z, mine, others or CombinedEffects(self.scene.body), int(steps.sum()))
         columns = np.ascontiguousarray(columns[: COLUMN if moves else 6, mine])
         by = np.ascontiguousarray(by[:, mine])
         work = np.empty((4, STATE)), np.empty((4, *columns.shape))
@@ -489,8 +534,8 @@ class Model:
             going_on = first - these.start
             with np.errstate(all="ignore"):
                 advance(
-                    state, columns, numbers, inverse, by, held, held_by, lengths[these], steps[these], shifts, going_on,
-                    moves, *work, *seen
+                    state, columns, numbers, inverse, by, held, held_by, loads, lengths[these], steps[these], shifts,
+                    going_on, moves, *work, *seen
                 )  # fmt: skip
             state, columns = seen.states[-1].copy(), seen.columns[-1].copy()
             seen = _Seen(*(part[going_on:] for part in seen))
@@ -505,6 +550,53 @@ class Model:
                 self._of_stream(z, number, stream, seen, at - first, mine)
                 for stream, at in zip(streams, rows, strict=True)
             ]
+
+    def _others_acting(
+        self, z: Array, mine: Any, acting: CombinedEffects, steps: int
+    ) -> tuple[Callable[..., None], Array]:
+        """Return the kernel, and for it the other effects at the parameters and beside them; see `rates`.
+
+        An effect that refuses a number is differentiated to the other side.
+        """
+        if not acting.effects:
+            return kernel(steps, _CALLS), np.zeros((0, 0))
+        advance = kernel(steps, _CALLS, acting.numbers(0.0, plugins=True))
+
+        def row(slope: float, acting: CombinedEffects) -> list[Any]:
+            load = (_at_a_point(acting),) if advance is plain else acting.numbers(0.0, plugins=True) or ()
+            return [slope, *acting.body.principal_orientation_xyzw, *load]
+
+        rows = [row(1.0, acting)]
+        counted = [block.at for name, block in self.layout.blocks.items() if self._changes_others(name)]
+        for k in mine.tolist():
+            sides: list[CombinedEffects | None] = []
+            if any(at.start <= k < at.stop for at in counted):
+                sides = [self._other_effects(z + side * (np.arange(len(z)) == k)) for side in (_MOVED, -_MOVED)]
+            slope = 1.0 / (_MOVED * max(1, sum(each is not None for each in sides))) if any(sides) else 0.0
+            rows += [row(slope, each or acting) for each in sides or (None, None)]
+        return advance, np.array(rows, dtype=object if advance is plain else np.float64)
+
+    def _changes_others(self, name: str) -> bool:
+        number, _, _ = name.removeprefix("effects[").partition("]")
+        body = name in ("mass", "center_of_mass", "size", "shape")
+        return body or (name.startswith("effects[") and int(number) in self.others)
+
+    def _other_effects(self, z: Array) -> CombinedEffects | None:
+        """Return the other effects at parameters; None where one refuses its numbers."""
+        if not self.others:
+            return CombinedEffects(self.scene.body)
+        body, effects = self.body(z), list(self.scene.effects)
+        try:
+            for name, values in self.effects(z).items():
+                number, _, key = name.removeprefix("effects[").partition("].")
+                i = int(number)
+                if i in self.others:
+                    value = tuple(values.tolist()) if isinstance(getattr(effects[i], key), tuple) else float(values[0])
+                    effects[i] = replace(cast(Any, effects[i]), **{key: value})
+            rigid = RigidBody.from_matrix(body.mass, body.inertia.tolist(), tuple(body.center_of_mass.tolist()))
+            return CombinedEffects(rigid, tuple(effects[i] for i in self.others), self.scene.frames)
+        except (BodyError, SceneError):
+            return None
 
     def _of_stream(self, z: Array, number: int, stream: Stream, seen: _Seen, rows: Any, mine: Any) -> Predicted:
         """Return what a stream should have measured at those of the ascending `rows` which are in a block."""
@@ -576,6 +668,7 @@ class Model:
                 by[:, 3:6] -= np.cross(moved, unit[:, 12:])
                 held_by[row == k, :12, place] = by.T * block.scale
         seconds = starts / NANOSECONDS
+        held[:, 18] = seconds
         for i, rotor in acting_on.rotors:
             self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
         return held, held_by, commanded
@@ -612,7 +705,7 @@ class Model:
         span = knots / NANOSECONDS - seconds
         slope = np.divide(end - begin, span, out=np.zeros_like(span), where=span != 0.0)
         unit = np.concatenate([begin[:, None] * axis, slope[:, None] * axis], axis=1)
-        held[:, 12:] += inertia * unit
+        held[:, 12:18] += inertia * unit
         across = (np.eye(3) - np.outer(axis, axis)) / length
         turned = np.concatenate([begin[:, None, None] * across, slope[:, None, None] * across], axis=1)
         for name, by in (
@@ -624,7 +717,7 @@ class Model:
             if key in self.layout:
                 block = self.layout[key]
                 place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
-                held_by[:, 12:, place] = by * block.scale
+                held_by[:, 12:18, place] = by * block.scale
 
     def _against(self, z: Array, number: int, stream: Stream, seen: _Seen, mine: Any) -> tuple[Array, Array]:
         """Return predicted less measured of a stream, and its derivatives by all parameters."""
@@ -772,6 +865,20 @@ def _knots(acting: _Acting, begin: int, times: Sequence[Times]) -> Times:
     knots = np.unique(np.concatenate([*times, *(at[(at > low) & (at < end)] for at in edges)]))
     before = knots[knots < begin]
     return np.concatenate([before[::-1], knots[1:] if len(before) else knots])
+
+
+def _numbers_of(effect: Any) -> list[str]:
+    """Return the keys of an effect that are a number or a tuple of some, and that `replace` can change."""
+    keys = effect.keys or ([each.name for each in fields(effect)] if is_dataclass(effect) else ())
+    values = [(key, getattr(effect, key, ())) for key in keys]
+    return [key for key, v in values if v != () and {float} == set(map(type, v if isinstance(v, tuple) else (v,)))]
+
+
+def _at_a_point(acting: CombinedEffects) -> Callable[[Point], tuple[Vector, Vector]]:
+    """Return force and torque of effects as a function of a point."""
+    load_from = acting.load_from(0.0)
+    assert load_from is not None
+    return lambda point: load_from(point)(0.0, ZERO, *point[2:])
 
 
 def _span(places: Any) -> Any:

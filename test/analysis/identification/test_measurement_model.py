@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
@@ -22,10 +24,13 @@ from rb_dynamics.analysis.identification.flights import (
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.rotations import matrices, quaternions
 from rb_dynamics.analysis.track import Array
+from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.motion import variational_equations
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.run.kernels_to_compile import usual_kernels
+from rb_dynamics.scene.model import Scene
+from test.support.plugin_effects import Roped
 
 SCENE = """
 body:
@@ -201,3 +206,43 @@ def test_a_motion_that_runs_away_has_no_numbers_and_no_warnings(monkeypatch: pyt
     predicted = list(model.predict(np.zeros(model.layout.count)))
 
     assert not sane(*stacked(predicted, {each.key: 1e-9 for each in predicted}))
+
+
+def with_others() -> Scene:
+    """Return the scene with central gravity and a rope to a point of the body, as a plug-in has it."""
+    scene = parse_scene(SCENE)
+    pull = CentralGravity(30.0, (2.0, -3.0, 4.0), gravity_gradient=True)
+    return replace(scene, effects=(*scene.effects, pull, Roped(20.0)))
+
+
+OTHERS = (*(name for name in FIT if name != "accelerometer"), "effects[6].center_world", "effects[7].stiffness")
+
+
+def test_derivatives_of_other_effects_are_those_of_differences() -> None:
+    model = Model(with_others(), [every_sensor()], OTHERS)
+    model.turn = 0.03
+    z = 0.1 * np.random.default_rng(1).standard_normal(model.layout.count)
+    z[model.layout["delay.commands"].at] = 0.1
+    with counted_by(Tally()):
+        here = {each.key: each.by for each in model.predict(z)}
+        for k in range(model.layout.count):
+            for key, slope in _difference(model, z, k).items():
+                scale = max(float(np.abs(here[key][:, :, k]).max()), 1e-3)
+                np.testing.assert_allclose(here[key][:, :, k], slope, rtol=0.0, atol=2e-5 * scale, err_msg=f"{k} {key}")
+
+
+def test_other_effects_have_the_same_bits_in_plain_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(with_others(), [every_sensor()], OTHERS)
+    model.turn = 0.3
+    found = []
+    for when in ("always", "never"):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when if available() else "never")
+        found.append([(e.left.tobytes(), e.by.tobytes()) for e in model.predict(np.zeros(model.layout.count))])
+    assert found[0] == found[1]
+
+
+def test_what_an_effect_refuses_is_no_motion() -> None:
+    model = Model(with_others(), [every_sensor()], ("effects[6].gravitational_parameter",))
+    z = np.zeros(model.layout.count)
+    z[model.layout["effects[6].gravitational_parameter"].at] = -2.0
+    assert not any(np.isfinite(each.left).any() for each in model.predict(z))
