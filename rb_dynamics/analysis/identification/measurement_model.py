@@ -171,7 +171,7 @@ class Model:
             size, shape = float(z[self.layout["size"].at][0]), z[self.layout["shape"].at]
         if "center_of_mass" in self.layout:
             center = self.layout["center_of_mass"].values(z)
-        return Body(mass, center, self.inertia.matrix(size, shape).real)
+        return Body(mass, center, rows_of(self.inertia.derivative(size, shape)[0]))
 
     @property
     def arm(self) -> float:

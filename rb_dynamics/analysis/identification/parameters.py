@@ -84,6 +84,8 @@ class InertiaParameters:
         values, axes = np.linalg.eigh(second)
         values = np.maximum(values, _FLATTEST * values.max())
         self._root = np.linalg.cholesky((axes * values) @ axes.T)
+        # Many segments of a flight ask for the same in turn.
+        self._last: tuple[bytes, Any] = (b"", None)
 
     def matrix(self, size: complex, shape: Any) -> Any:
         """Return the inertia: `size` is the logarithm of its trace against that of the start, `shape` has 5 numbers."""
@@ -105,15 +107,14 @@ class InertiaParameters:
 
     def derivative(self, size: float, shape: Array) -> tuple[Array, Array]:
         """Return Ixx ... Iyz (6,) and their derivatives (6, 6) by size and shape, by complex steps: exact."""
-        step = 1e-30j
-        columns = []
-        for k in range(6):
-            moved = np.concatenate([[size], shape]).astype(np.complex128)
-            moved[k] += step
-            matrix = self.matrix(moved[0], moved[1:])
-            columns.append([matrix[i, j].imag / 1e-30 for i, j in PLACES])
-        here = self.matrix(size, shape)
-        return np.array([here[i, j] for i, j in PLACES]), np.array(columns).T
+        here = np.append(size, shape)
+        if self._last[0] != here.tobytes():
+            step = 1e-30j
+            moved = [self.matrix(each[0], each[1:]) for each in here + step * np.eye(6)]
+            at, value = tuple(zip(*PLACES, strict=True)), self.matrix(size, shape)
+            self._last = here.tobytes(), (value[at], np.array([each[at].imag / 1e-30 for each in moved]).T)
+        found: tuple[Array, Array] = self._last[1]
+        return found
 
 
 def rows_of(six: Array) -> Array:

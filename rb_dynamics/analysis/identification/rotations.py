@@ -12,21 +12,26 @@ from rb_dynamics.analysis.track import Array
 
 def matrices(orientation_xyzw: Array) -> Array:
     """Return R(q), (..., 3, 3), of unit quaternions (..., 4)."""
-    x, y, z, w = np.moveaxis(orientation_xyzw, -1, 0)
-    rows = [
+    x, y, z, w = (orientation_xyzw[..., k] for k in range(4))
+    return _of_rows(
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
         [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    found: Array = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-    return found
+    )
 
 
 def hats(vectors: Array) -> Array:
     """Return the matrices (..., 3, 3) with hat(a) b = a x b."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = (vectors[..., k] for k in range(3))
     o = np.zeros_like(x)
-    found: Array = np.moveaxis(np.array([[o, -z, y], [z, o, -x], [-y, x, o]]), (0, 1), (-2, -1))
+    return _of_rows([o, -z, y], [z, o, -x], [-y, x, o])
+
+
+def _of_rows(*rows: list[Array]) -> Array:
+    found = np.empty((*rows[0][0].shape, 3, 3))
+    for i, row in enumerate(rows):
+        for j, each in enumerate(row):
+            found[..., i, j] = each
     return found
 
 
@@ -38,9 +43,17 @@ def quaternions(vectors: Array) -> Array:
 
 def products(p: Array, q: Array) -> Array:
     """Return p q of quaternions (..., 4)."""
-    a, b = p[..., :3], q[..., :3]
-    vector = p[..., 3:] * b + q[..., 3:] * a + np.cross(a, b)
-    return np.concatenate([vector, p[..., 3:] * q[..., 3:] - np.sum(a * b, axis=-1, keepdims=True)], axis=-1)
+    px, py, pz, pw = (p[..., k] for k in range(4))
+    qx, qy, qz, qw = (q[..., k] for k in range(4))
+    return np.stack(
+        [
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+            pw * qw - px * qx - py * qy - pz * qz,
+        ],
+        axis=-1,
+    )
 
 
 def conjugates(q: Array) -> Array:
