@@ -35,6 +35,8 @@ TURN = 6.0
 _SAMPLES = 12
 # Fewer segments are as well flown at once.
 _FEWEST = 5
+# Of each flight, the first segments in which starts are compared: longer flights tell no more of which is right.
+_COMPARED = 200
 # What is left between segments, over what is plausible: from loose to as good as nothing.
 _LOOSE = 10.0 ** -np.arange(1.0, 11.0)
 # Of these, what rounding leaves.
@@ -104,15 +106,19 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
     segments = _segments(model)
     if len(segments) < _FEWEST:
         return None
-    best, count = np.inf, 3 * sum(len(stream.time_ns) for flight in model.flights for stream in flight.streams)
+    compared = _first(segments, _COMPARED)
+    best, count = np.inf, 3 * sum(len(stream.time_ns) for each in compared for stream in each.flight.streams)
     for z in starts:
-        other = _Shooting(model, segments, noise, far)
+        other = _Shooting(model, compared, noise, far)
         there, likely = other.search(other.begun(z), _LOOSE[0])
         if likely < best:
             at, best, shooting = there, likely, other
             # No other start can improve what leaves only noise.
             if shooting.left(at) <= _ENOUGH**2 * count:
                 break
+    if len(compared) < len(segments) and np.isfinite(best):
+        shooting = _Shooting(model, segments, noise, far)
+        at, best = shooting.search(shooting.begun(at[0]), _LOOSE[0])
     if not np.isfinite(best):
         return None
     found, loosest = at, _LOOSE[0]
@@ -145,6 +151,15 @@ def _segments(model: Model) -> list[_Segment]:
         for begin, end in itertools.pairwise(edges):
             part = flight.between(begin, last + 1 if end is None else end)
             found.append(_Segment(model, number, part, own, begin, end, begin > first))
+    return found
+
+
+def _first(segments: Sequence[_Segment], most: int) -> list[_Segment]:
+    """Return the first segments of each flight."""
+    found: list[_Segment] = []
+    for _, every in itertools.groupby(segments, lambda each: each.number):
+        *some, last = itertools.islice(every, most)
+        found += [*some, replace(last, end_ns=None)]
     return found
 
 

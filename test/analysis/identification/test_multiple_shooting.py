@@ -7,6 +7,7 @@ import pytest
 from identified_flights import flown, guess, random_body
 
 from rb_dynamics import identify
+from rb_dynamics.analysis.identification import multiple_shooting
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import Flight
 from rb_dynamics.analysis.identification.measurement_model import Model
@@ -51,6 +52,28 @@ def test_they_give_numbers_and_errors_of_a_flight_from_a_single_start(moves: boo
         np.sqrt(np.diagonal(np.linalg.inv(of + np.eye(len(apart))))) for of in (told, information(found.weighted))
     ]
     assert errors[1] == pytest.approx(errors[0], rel=0.02)
+
+
+def test_starts_are_compared_in_the_first_segments_of_a_long_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(3)
+    body = random_body(random)
+    model = Model(guess(body), [flown(body, random, seconds=20.0, torque=0.3)], ("inertia",))
+    # So that no start leaves only noise.
+    noise = {key: 0.1 * level for key, level in noise_shown(model).items()}
+    begun, begin = [], multiple_shooting._Shooting.begun
+    monkeypatch.setattr(
+        multiple_shooting._Shooting, "begun", lambda own, z: (begun.append(len(own.segments)), begin(own, z))[1]
+    )
+    found = []
+    for most in (6, 200):
+        monkeypatch.setattr(multiple_shooting, "_COMPARED", most)
+        with counted_by(Tally()):
+            start = fitted(model, 1, "linear", 0).z
+            found.append(joined(model, [start, 0.9 * start], noise, 30.0))
+    whole = begun[-1]
+    assert whole > 6
+    assert begun == [6, 6, whole, whole, whole]
+    assert found[0].z == pytest.approx(found[1].z, abs=1e-4)
 
 
 def test_a_spin_whose_start_has_too_few_digits_is_followed_to_its_noise() -> None:
