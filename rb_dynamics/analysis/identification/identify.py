@@ -564,11 +564,11 @@ class _Report:
             away, expected = start, 4.0
             for _ in range(_CORRECTIONS):
                 z = self._moved(away)
-                if z is None:
-                    # No body has these: nearer to the solution, near a flat body, some has.
+                misfit, left = (np.nan, None) if z is None else self._misfit(z)
+                if not np.isfinite(misfit):
+                    # No body has these, or an effect refuses them: nearer to the solution some does not.
                     away, expected = 0.5 * away, 0.25 * expected
                     continue
-                misfit, left = self._misfit(z)
                 if expected / _LINEAR < misfit - here < expected * _LINEAR:
                     break
                 if left is None or misfit < here:

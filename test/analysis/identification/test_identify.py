@@ -11,12 +11,14 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
+from scipy.integrate import solve_ivp
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
-from rb_dynamics.analysis.identification.flights import Flight, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, Flight, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
+from rb_dynamics.analysis.identification.rotations import quaternions
 from rb_dynamics.loads.drag import LinearDrag
 from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -453,3 +455,22 @@ def test_a_flight_that_a_small_disturbance_moves_is_fitted_in_joined_segments() 
     within(found, "inertia_ratios", np.diag([1.0, 1.6, 2.1]) / 4.7, 2.0)
     short = replace(made, streams=tuple(made.until(round(5e9)).streams))
     assert not any("segments" in note for note in identify(guess(body), [short], ["inertia_ratios"]).notes)
+
+
+def test_a_number_near_those_that_its_effect_refuses_is_known() -> None:
+    """Two standard errors below it gravity would repel, for which the effect has no load."""
+    scene = parse_scene("""
+body: {mass: 1, inertia: {diagonal: [1, 1.5, 2]}}
+effects: [{type: central_gravity, gravitational_parameter: 10}]
+""")
+    random, seconds = np.random.default_rng(1), np.arange(1001) / 100.0
+    times = np.rint(seconds * 1e9).astype(np.int64)
+    fall = solve_ivp(lambda _, x: (x[1], -0.5 / x[0] ** 2), (0.0, 10.0), (5.0, 0.0), t_eval=seconds, rtol=1e-9)
+    position = np.outer(fall.y[0], (1.0, 0.0, 0.0)) + 2.0 * random.standard_normal((1001, 3))
+    attitude = quaternions(1e-3 * random.standard_normal((1001, 3)))
+    flight = Flight("fall", (Stream("pose", ATTITUDE, times, attitude), Stream("pose", POSITION, times, position)))
+    (found,) = identify(scene, [flight], ["effects[0].gravitational_parameter"]).parameters
+    assert found.known
+    assert found.standard_error is not None
+    assert 0.5 * found.value < found.standard_error
+    assert abs(found.value - 0.5) < 3.0 * found.standard_error
