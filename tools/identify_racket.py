@@ -1,11 +1,15 @@
 """Identify a racket thrown in the air with a phone on it, and print the table of docs/identify.md.
 
     python tools/identify_racket.py FOLDER [--lag S] [--linear] [--trim FIRST LAST]
+    python tools/identify_racket.py FOLDER --air
 
 FOLDER is "data/round4" of the recordings of https://github.com/fbubbar/sci1-t2 (gyro of a phone at 100 Hz, one file of
 several throws per folder, and the times of each throw), which have no licence and are not part of this package.
 With --lag the gyro is taken to be filtered by a first-order lag, with --linear there is no quadratic drag, and with
 --trim samples at both ends of each throw are left out.
+
+With --air every fifth throw is also fitted with the air on its cylinders (`racket_air.py`), which depends on how the
+racket flies: velocity and attitude at the start are fitted, from two directions of up.
 
 What the ratios of one throw can tell follows from simulated flights: each is the fitted motion of a throw, with other
 noise, fitted by the same call. One series has white noise of the phone, the other noise with the spectrum of what is
@@ -23,8 +27,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from racket_air import CrossFlow
 
-from rb_dynamics import Identification, LogError, identify, parse_scene
+from rb_dynamics import Identification, LogError, State, UniformGravity, identify, parse_scene
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 
 # A racket of 0.457 kg: a rod with a head, along y; what drag there is will be found.
@@ -79,6 +84,32 @@ def simulated(flight: Flight, found: Identification, noise: Any) -> Flight:
     return replace(flight, streams=(replace(stream, values=stream.values + left + noise),))
 
 
+def in_air(flight: Flight) -> Identification:
+    """Return the fit of a throw with the air on its cylinders, thrown up and caught at one height at first."""
+    fall, seconds = UniformGravity((0.0, 0.0, -9.81)), flight.streams[0].time_ns[-1] * 1e-9
+    tries = []
+    # World z along y, and against z of the racket.
+    for attitude in ((0.5**0.5, 0.0, 0.0, 0.5**0.5), (1.0, 0.0, 0.0, 0.0)):
+        start = State(orientation_xyzw=attitude, linear_velocity_world=(0.0, 0.0, 0.5 * 9.81 * seconds))
+        scene = replace(parse_scene(SCENE), effects=(CrossFlow(), fall), initial=start)
+        tries.append(identify(scene, [flight], ["inertia_ratios", "effects[0].coefficient"], starts=1))
+    return min(tries, key=lambda each: each.residuals[0].rms)
+
+
+def compare_air(flights: Sequence[Flight]) -> None:
+    """Print residuals of both models."""
+    print("| throw | rms with drag, rad/s | with cylinders, rad/s | their coefficient | ratios known |")
+    print("|---|---|---|---|---|")
+    rows = []
+    for flight in flights:
+        (drag, *_), air = fitted(flight, False, 8), in_air(flight)
+        (coefficient,) = (each.value for each in air.parameters if each.name.startswith("effects"))
+        known = any(each.known for each in air.parameters if each.name.startswith("inertia_ratios"))
+        rows.append((drag.residuals[0].rms, air.residuals[0].rms, coefficient, known))
+        print(f"| {flight.name} | {rows[-1][0]:.3f} | {rows[-1][1]:.3f} | {coefficient:.2f} | {known} |", flush=True)
+    print("| median | {:.3f} | {:.3f} | {:.2f} | |".format(*np.median(rows, axis=0)))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -86,14 +117,18 @@ def main() -> None:
     parser.add_argument("--lag", type=float, default=0.0, help="s")
     parser.add_argument("--linear", action="store_true", help="linear drag alone")
     parser.add_argument("--trim", type=int, nargs=2, default=(0, 0), help="samples left out at both ends")
+    parser.add_argument("--air", action="store_true", help="compare with the air on cylinders")
     args = parser.parse_args()
     random, good, negative, left_over = np.random.default_rng(0), 0, 0, []
     ratios: dict[str, list[Any]] = {"as recorded": [], "white": [], "coloured": []}
     errors: dict[str, list[float]] = {name: [] for name in ratios}
     recordings: list[str] = []
+    flights = throws(args.folder, args.lag, args.trim)
+    if args.air:
+        compare_air(flights[::5])
+        return
     print("| throw | s | rad/s at most | rms, rad/s | times noise | moments over the largest | starts that agree |")
     print("|---|---|---|---|---|---|---|")
-    flights = throws(args.folder, args.lag, args.trim)
     for flight in flights:
         found, shares, error = fitted(flight, args.linear, 8)
         (stream,), (left,) = flight.streams, found.residuals

@@ -1,8 +1,8 @@
 """The air on a tennis racket, as an effect of one's own that `identify` fits: cylinders in cross-flow.
 
-Frame, throat, handle and strings are cylinders. Air presses on each piece of one along its velocity across its axis, with
-c rho / 2 times speed squared times length times diameter (cross-flow principle: Hoerner, Fluid-Dynamic Drag (1965),
-3-11). So the torque also depends on how fast the racket flies, which a gyro does not measure.
+Frame, throat, handle and strings are cylinders. Air presses on each piece of one along its velocity across its axis,
+with c rho / 2 times speed squared times length times diameter (cross-flow principle: Hoerner, Fluid-Dynamic Drag
+(1965), chapter 3). So the torque also depends on how fast the racket flies, which a gyro does not measure.
 """
 
 from __future__ import annotations
