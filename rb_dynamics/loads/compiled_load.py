@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 # its age at the start of the arc, the sum of the time there and its rounding error, its length, and whether it is
 # linear. Transients come last.
 WIDTH = 16
-_ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
+ATTRACTION, _RESISTANCE, _SPIN, _LIFT, _DIPOLE = 1.0, 2.0, 3.0, 4.0, 5.0
 _LOAD_OF_PLUGIN, _SLOWING_OF_PLUGIN, _SIGHT_OF_PLUGIN, _TRANSIENT = 6.0, 7.0, 8.0, 9.0
 # A lag is not a load of its own, see `gradual_wrench.py`.
 _WITHOUT_LOAD = (UniformGravity, ScheduledWrench, MagneticField, ChannelBias, ChannelLag)
@@ -198,7 +198,7 @@ _WITH_LOAD = (CentralGravity, LinearDrag, QuadraticDrag, Rotor, Buoyancy)
 
 def _numbers(effect: Effect, body: RigidBody, start: float) -> Sequence[float]:
     if isinstance(effect, CentralGravity):
-        return (_ATTRACTION, *flat(effect.attraction(body)))
+        return (ATTRACTION, *flat(effect.attraction(body)))
     if isinstance(effect, (LinearDrag, QuadraticDrag)):
         return (_RESISTANCE, *flat(effect.resistance(body)))
     if isinstance(effect, Rotor):
@@ -273,7 +273,7 @@ def has_transients(c: Numbers) -> bool:
 def is_attraction_or_none(c: Numbers) -> bool:
     """Return whether the only effect at the end of `c`, if there is any, is central gravity."""
     count = int(c[len(c) - 1])
-    return count == 0 or (count == 1 and c[len(c) - 1 - WIDTH] == _ATTRACTION)
+    return count == 0 or (count == 1 and c[len(c) - 1 - WIDTH] == ATTRACTION)
 
 
 def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
@@ -287,7 +287,7 @@ def load_scales(c: Numbers, here: Point) -> tuple[float, float]:
         i = len(c) - 1 - (count - k) * WIDTH
         if c[i] == _RESISTANCE:
             slowing += slowed(_resistance_at(c, i + 1), here)
-        elif c[i] == _ATTRACTION:
+        elif c[i] == ATTRACTION:
             sight = min(sight, time_to_fall(_attraction_at(c, i + 1), here))
         elif c[i] == _SLOWING_OF_PLUGIN:
             rate = scale_at(c[i + 1], c, i - int(c[i + 2]), here)
@@ -323,7 +323,7 @@ def strength(c: Numbers, here: Point) -> float:
 
 def _load(c: Numbers, i: int, here: Point) -> tuple[Vector, Vector]:
     kind = c[i]
-    if kind == _ATTRACTION:
+    if kind == ATTRACTION:
         return attracted(_attraction_at(c, i + 1), here)
     if kind == _RESISTANCE:
         return resisted(_resistance_at(c, i + 1), here)

@@ -67,6 +67,24 @@ def command_wheel(c: Cells, i: int, k: int, value: float, speed: float) -> None:
         _place(c, a, speed)
 
 
+def turns_freely(c: Cells, i: int, k: int, speed: float) -> bool:
+    """Return whether wheel k is free, under a commanded torque, and where it may not stay: then commands only turn it.
+
+    See `command_freely`.
+    """
+    a = _at(i, k)
+    free = c[a + HELD] == FREE and c[a + BY_SPEED] == 0.0 and math.isnan(_where(c, a))
+    return free and not _is_point(c, a, speed)
+
+
+def command_freely(c: Cells, i: int, k: int, value: float, speed: float) -> None:
+    """As `command_wheel` and `settle`, for a wheel that `turns_freely`."""
+    a = _at(i, k)
+    low, high, _ = _around(c, a, speed)
+    c[a + COMMAND] = value
+    _free(c, a, low, high, math.copysign(1.0, speed))
+
+
 def move_on(c: Cells, i: int) -> None:
     """Let time go on: wheels that were released have left their points."""
     for k in range(int(c[i])):

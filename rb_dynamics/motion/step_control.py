@@ -15,7 +15,7 @@ from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, gain, is_finite
 from rb_dynamics.motion.step_checks import NO_ATTITUDE
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.rotation import angle_between
+from rb_dynamics.numerics.rotation import angle_of, conjugate, multiply
 from rb_dynamics.numerics.vector import Vector, norm, subtract
 
 
@@ -526,12 +526,47 @@ def estimate(
     """
     if not (is_finite(kept) and is_finite(other)):
         return math.inf, math.inf, farthest, 0.0
+    return errors_of(goal, farthest, discrepancy(goal, farthest, phase, kept, other, h, strength))
+
+
+class Discrepancy(NamedTuple):
+    """By how much two results for a stride differ.
+
+    Attributes:
+        sine, cosine: of half the angle between their attitudes.
+        turned: by which their rates let the attitudes differ at the end of the run, rad.
+        rounded: rounding error of the attitude, rad.
+        position: the same as `estimate` returns, not divided by `Goal.errors`.
+        farthest: the largest distance.
+    """
+
+    sine: float
+    cosine: float
+    turned: float
+    rounded: float
+    position: float
+    farthest: float
+
+
+def errors_of(goal: Goal, farthest: float, found: Discrepancy) -> tuple[float, float, float, float]:
+    """Return what `estimate` does for two finite results."""
+    # A difference due to rounding is not a reason for shorter steps.
+    attitude = angle_of(found.sine, found.cosine) + found.turned - found.rounded
+    if not math.isfinite(attitude + found.position):
+        return math.inf, math.inf, farthest, 0.0
+    parts = goal.errors
+    position, hidden = max(0.0, found.position) / parts, goal.noise * found.rounded / parts
+    return max(0.0, attitude) / parts, position, found.farthest, hidden
+
+
+def discrepancy(
+    goal: Goal, farthest: float, phase: PhaseState, kept: PhaseState, other: PhaseState, h: float, strength: float
+) -> Discrepancy:
+    """Return by how much two results for a stride differ; arguments as for `estimate`."""
     rest, rate = _rest(goal, phase), norm(kept.angular_velocity)
     rate_error = norm(subtract(other.angular_velocity, kept.angular_velocity))
-    attitude = angle_between(other.orientation, kept.orientation) + rate_error * rest
-    # A difference due to rounding is not a reason for shorter steps.
+    x, y, z, w = multiply(conjugate(other.orientation), kept.orientation)
     rounded = _EPSILON * (1.0 + rate * rest)
-    attitude -= rounded
     per_mass, moved = 1.0 / goal.mass, norm(gain(phase, kept, POSITION))
     gained = norm(gain(phase, kept, MOMENTUM)) * per_mass
     # The decay rate may fall as 1/t while the body comes to rest.
@@ -544,10 +579,7 @@ def estimate(
     farthest = max(farthest, norm(_away(goal, phase)), norm(_away(goal, kept)))
     travelled = max(moved * goal.horizon / h, farthest)
     position = drift / travelled if travelled > 0.0 else 0.0
-    if not math.isfinite(attitude + position):
-        return math.inf, math.inf, farthest, 0.0
-    parts = goal.errors
-    return max(0.0, attitude) / parts, max(0.0, position) / parts, farthest, goal.noise * rounded / parts
+    return Discrepancy(norm((x, y, z)), abs(w), rate_error * rest, rounded, position, farthest)
 
 
 def _away(goal: Goal, phase: PhaseState) -> Vector:

@@ -34,12 +34,11 @@ from rb_dynamics.motion.load_time_scale import steady_time
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, spun, total, two_sum
 from rb_dynamics.motion.stateful_kernel import OF_EACH_STATE, OTHER, STAGE, WHEELS, CompiledWheelLoad, layout
-from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, estimate, first_guess, following_step, rounding
-from rb_dynamics.motion.wheel_lanes_kernel import LANES, SIGNATURE
-from rb_dynamics.numerics.compilation import compiled_apart, flat, lane, specialise
+from rb_dynamics.motion.step_control import Goal, Learnt, by_trial, first_guess, rounding
+from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
-from rb_dynamics.numerics.sign_change import first_positive, peak
+from rb_dynamics.numerics.sign_change import first_positive
 from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, norm, scale
 from rb_dynamics.numerics.vector import multiply as times
 
@@ -72,14 +71,14 @@ GRID_POINT = TRIED + 1
 # the next one (0 if it has not been chosen), and of all strides (0 if each is chosen); end of the stride that was
 # searched for a switch of a wheel, the time of the switch in it (-1 for none), and whether a wheel may switch at that
 # end; the last time; whether the first arc has begun, and whether the body is left behind; lengths of the last arc, and
-# of the next one if the last two were equally long (0 if not); whether its present step is taken side by side; and
-# whether the body stands at the grid point, whose phase is written only when it is needed.
+# of the next one if the last two were equally long (0 if not); whether a stride side by side has led to the next time;
+# and whether the body stands at the grid point, whose phase is written only when it is needed.
 START, REACHED, STRIDES, STRIDE, LENGTH = range(5)
 SEARCHED, SWITCH, UNLIKE, TIME, BEGUN, LEFT_BEHIND = range(5, 11)
-LAST, EXPECTED, BESIDE, AT_GRID_POINT, WHOLE = range(11, 16)
+LAST, EXPECTED, ARRIVED, AT_GRID_POINT, WHOLE = range(11, 16)
 
-# Bodies for which going side by side pays.
-_FEWEST = 2
+LANES = 8
+"""Bodies of a group, side by side: those of one vector register."""
 
 
 def size_of(states: int) -> int:
@@ -91,89 +90,55 @@ def advance_all(
     rows: Lanes,
     arcs: Lanes,
     whole: Whole,
-    commands: Numbers,
+    commands: Lanes,
     until_ns: Whole,
     first: int,
     last: int,
     step: Take,
     pair: Take,
-    pairs: Any,
+    beside: Any,
     together: int,
     spare: Numbers,
     results: Lanes,
 ) -> None:
-    """Give the bodies from `first` up to `last` their commands, now, and let each go to its time.
-
-    Body i is lane i % `LANES` of group i // `LANES`.
+    """Give the bodies of some groups their commands, now, and let each go to its time.
 
     Args:
         rows: (groups, ..., `LANES`), of each body the numbers of `stateful_kernel.py`, without weights and rates.
         arcs: (groups, ..., `LANES`), of each body the numbers above.
-        whole: (N, `WHOLE`), likewise.
-        commands: (N, wheels + 1), NaN for none; the last is for a change of the load.
-        until_ns: (N,), the times; negative for a body that stays, and gets no command.
-        first: body, of lane 0.
-        last: behind the last body.
+        whole: (groups, `WHOLE`, `LANES`), likewise.
+        commands: (groups, wheels + 1, `LANES`), NaN for none; the last is for a change of the load.
+        until_ns: (groups, `LANES`), the times; negative for a body that stays, and gets no command.
+        first: group.
+        last: behind the last group.
         step: kernel of a step with wheels.
         pair: kernel of an embedded pair with wheels; any other where steps are fixed.
-        pairs: kernel of that pair for several bodies; any other if there is none.
+        beside: kernel that begins strides of the bodies of a group side by side; any other if there is none.
         together: whether there is one (0 or 1).
         spare: (groups, ...), the numbers of one body, with the weights of the tableau: room for `step` and `pair`.
-        results: (groups, ..., `LANES`), room for those of `pairs`; as of `spare`, that of the first group is used.
+        results: (groups, ..., `LANES`), room for `beside`; as of `spare`, that of the first group is used.
     """
-    trials, found = (spare[first // LANES], step, pair), results[first // LANES]
-    for start in range(first, last, LANES):
-        g, end = start // LANES, min(last, start + LANES)
-        w, until = whole[start:end], until_ns[start:end]
-        count, expected = _begin_all(rows[g], arcs[g], w, commands[start:end], until, together != 0)
-        arrived, h = 0, expected / NANOSECONDS
-        if count >= _FEWEST:
-            pairs(rows[g], trials[0], found, h)
-            arrived = _arrive_all(rows[g], arcs[g], w, found, until, h)
-        if arrived == LANES:
-            _stand_all(rows[g], found)
-            continue
-        for i in range(end - start):
-            c, f = rows[g, :, i], arcs[g, :, i]
-            if arrived > 0 and w[i, BESIDE] != 0:
-                _stand(c, found[:, i], 0)
-            elif until[i] >= 0 and w[i, LEFT_BEHIND] == 0 and not _advance(c, f, w[i], until[i], trials):
-                w[i, LEFT_BEHIND] = 1
+    trials = (spare[first], step, pair)
+    for g in range(first, last):
+        if together != 0:
+            if beside(rows[g], arcs[g], whole[g], commands[g], until_ns[g], trials[0], results[first]) == LANES:
+                continue
+        else:
+            for i in range(LANES):
+                begin(rows[g, :, i], arcs[g, :, i], whole[g, :, i], commands[g, :, i], until_ns[g, i])
+        for i in range(LANES):
+            c, f, w = rows[g, :, i], arcs[g, :, i], whole[g, :, i]
+            goes = until_ns[g, i] >= 0 and w[ARRIVED] == 0 and w[LEFT_BEHIND] == 0
+            if goes and not _advance(c, f, w, until_ns[g, i], trials):
+                w[LEFT_BEHIND] = 1
 
 
-def _begin_all(
-    rows: Numbers, arcs: Numbers, whole: Whole, commands: Numbers, until_ns: Whole, together: bool
-) -> tuple[int, int]:
-    """Give the bodies of a group their commands; return how many can take which step (ns) side by side."""
-    count = expected = 0
-    for i in range(len(whole)):
-        c, f, w = rows[:, i], arcs[:, i], whole[i]
-        w[BESIDE] = 0
-        if until_ns[i] < 0:
-            continue
-        if w[LEFT_BEHIND] == 0:
-            _begin(c, f, w, commands[i])
-        if together and (count == 0 or w[EXPECTED] == expected) and _tries_expected(c, f, w):
-            w[BESIDE], expected, count = 1, w[EXPECTED], count + 1
-    return count, expected
-
-
-def _arrive_all(rows: Numbers, arcs: Numbers, whole: Whole, found: Numbers, until_ns: Whole, h: float) -> int:
-    """Return how many bodies are where the step of h s leads that was taken side by side; it is kept for the others."""
-    arrived = 0
-    for i in range(len(whole)):
-        c, f, w, r = rows[:, i], arcs[:, i], whole[i], found[:, i]
-        if w[BESIDE] != 0:
-            if _is_whole_way(c, f, w, r, until_ns[i], h):
-                arrived += 1
-            else:
-                w[BESIDE] = 0
-                _keep_tried(c, f, r, h)
-    return arrived
-
-
-def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers) -> None:
+@compiled_apart
+def begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers, until_ns: int) -> None:
     """Give a body its commands, which begin an arc."""
+    w[ARRIVED] = 0
+    if until_ns < 0 or w[LEFT_BEHIND] != 0:
+        return
     begins = w[BEGUN] == 0
     w[BEGUN] = 1
     omega, (_, _, states) = phase_at(c, CONSTANTS).angular_velocity, layout(c)
@@ -186,56 +151,14 @@ def _begin(c: Numbers, f: Numbers, w: Whole, commands: Numbers) -> None:
         _begin_arc(c, f, w)
 
 
-def _tries_expected(c: Numbers, f: Numbers, w: Whole) -> bool:
-    """Return whether the stride tried next is the first of an arc, and as long as the arc is expected to be."""
-    if w[EXPECTED] == 0 or w[LENGTH] != 0 or w[AT_GRID_POINT] == 0 or w[REACHED] != 0 or w[LEFT_BEHIND] != 0:
-        return False
-    return f[LEARNT] == w[EXPECTED] / NANOSECONDS and is_attraction_or_none(c)
+def tries(c: Numbers, f: Numbers, w: Whole, length: int) -> bool:
+    """Return whether the stride tried next is the first of an arc, of `length` ns, and as long as the arc will be."""
+    at_grid_point = w[LENGTH] == 0 and w[AT_GRID_POINT] != 0 and w[REACHED] == 0 and w[LEFT_BEHIND] == 0
+    expected = w[EXPECTED] == length and f[LEARNT] == length / NANOSECONDS
+    return at_grid_point and expected and is_attraction_or_none(c)
 
 
-def _is_whole_way(c: Numbers, f: Numbers, w: Whole, r: Numbers, until_ns: int, h: float) -> bool:
-    """Return whether the step of h s that was taken side by side leads to a time, and nothing else happens until then.
-
-    The step is then accepted, and no wheel switches: what is left is to stand where it leads.
-    """
-    if w[START] + w[EXPECTED] != until_ns or round(h * NANOSECONDS) != w[EXPECTED]:
-        return False
-    phase, after, other = phase_at(c, CONSTANTS), phase_at(r, 0), phase_at(r, _size(c))
-    goal, sight = _goal_and_sight(c, f, phase)
-    attitude, position, farthest, noise = estimate(goal, f[LEARNT + 1], phase, after, other, h, 0.0)
-    allowed, error = goal.share * goal.accuracy * h / goal.horizon, max(attitude, position)
-    if not (sight >= h and error <= allowed and noise <= allowed):
-        return False
-    following = following_step(goal, allowed, error, h)
-    if rounding(goal, phase, max(float(w[EXPECTED]), following * NANOSECONDS)) > goal.accuracy:
-        return False
-    _, sums, states = layout(c)
-    below, turning, length = (
-        min(_beyond(c, phase), 0.0),
-        (phase.angular_velocity, after.angular_velocity),
-        float(w[EXPECTED]),
-    )
-    _write_states(c, r, PHASE)
-    above, gained = _beyond(c, after), ZERO
-    far = is_far(c, WHEELS, max(below, above), h, turning, (phase.orientation, after.orientation))
-    if not far:
-        gained = _spin_up(c, after)
-    if above > 0.0 or not _all_finite(c, after, r, PHASE):
-        _write_states(c, c, sums)
-        return False
-    if not far:
-        # As `first_positive` does first.
-        _write_states(c, c, sums)
-        bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, phase), gained))
-        if peak(below, above, 0.125 * (bend / NANOSECONDS**2) * length * length) > noise:
-            return False
-    f[LEARNT], f[LEARNT + 1] = following, farthest
-    w[REACHED], w[STRIDES], w[TIME], w[SEARCHED], w[UNLIKE] = w[EXPECTED], 1, until_ns, until_ns, 0
-    move_on(c, WHEELS)
-    return True
-
-
-def _keep_tried(c: Numbers, f: Numbers, r: Numbers, h: float) -> None:
+def keep_tried(c: Numbers, f: Numbers, r: Numbers, h: float) -> None:
     """Keep the results of a step that was taken side by side, for when it is chosen."""
     size = _size(c)
     for k in range(size):
@@ -311,7 +234,7 @@ def _begin_arc(c: Numbers, f: Numbers, w: Whole) -> None:
 @compiled_apart
 def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
     """Choose the next stride; return whether there is one."""
-    _stand(c, f, GRID_POINT)
+    stand(c, f, GRID_POINT)
     if w[LENGTH] > 0:
         _alone(c, trials[0], trials[1], w[LENGTH] / NANOSECONDS)
         _keep(c, f, GRID_POINT + _size(c))
@@ -364,10 +287,10 @@ def _search(c: Numbers, f: Numbers, w: Whole, until_ns: int, trials: _Trials) ->
 
 def _search_stride(c: Numbers, f: Numbers, w: Whole, first: int, last: int, trials: _Trials) -> bool:
     """Note whether a wheel switches between two times within the next stride; return whether that can be told."""
-    _stand(c, f, GRID_POINT)
+    stand(c, f, GRID_POINT)
     start, (_, _, states) = phase_at(c, CONSTANTS), layout(c)
     below = min(_beyond(c, start), 0.0)
-    _stand(c, f, GRID_POINT + _size(c))
+    stand(c, f, GRID_POINT + _size(c))
     above = _beyond(c, phase_at(c, CONSTANTS))
     w[UNLIKE] = 0
     if above > 0.0:
@@ -384,7 +307,7 @@ def _search_stride(c: Numbers, f: Numbers, w: Whole, first: int, last: int, tria
     if is_far(c, WHEELS, max(below, above), h, turning, (start.orientation, there.orientation)):
         return True
     gained = _spin_up(c, there)
-    _stand(c, f, GRID_POINT)
+    stand(c, f, GRID_POINT)
     bend, noise = bend_and_noise(c, WHEELS, states, h, turning, (_spin_up(c, start), gained))
     found: int = _first_switch((c, f, w, trials), first, last, below, above, bend / NANOSECONDS**2, noise)
     if found > 0:
@@ -417,7 +340,7 @@ def _reach(c: Numbers, f: Numbers, w: Whole, time_ns: int, trials: _Trials) -> b
     if rest > 0 and rest == w[STRIDE]:
         _take(c, f, w)
         rest = 0
-    _stand(c, f, GRID_POINT)
+    stand(c, f, GRID_POINT)
     if rest > 0:
         _copy(f, FOLLOWING, LEARNT, 5)
         _alone(c, trials[0], trials[1], rest / NANOSECONDS)
@@ -491,7 +414,7 @@ def _copy(f: Numbers, source: int, target: int, count: int) -> None:
 
 
 @compiled_apart
-def _stand(c: Numbers, f: Numbers, at: int) -> None:
+def stand(c: Numbers, f: Numbers, at: int) -> None:
     """Stand in one of the phases of `f`."""
     m, sums, states = layout(c)
     for k in range(PHASE):
@@ -499,18 +422,6 @@ def _stand(c: Numbers, f: Numbers, at: int) -> None:
     for k in range(m):
         high, low = f[at + PHASE + k], f[at + PHASE + m + k]
         c[sums + k], c[sums + m + k], c[states + k] = high, low, high + low
-
-
-def _stand_all(rows: Numbers, found: Numbers) -> None:
-    """Let all bodies of a group stand in the phases of `found`."""
-    m, sums, states = layout(rows[:, 0])
-    c, a = flat(rows), flat(found)
-    for x in range(PHASE * LANES):
-        c[lane(CONSTANTS * LANES) + lane(x)] = a[lane(x)]
-    for x in range(2 * m * LANES):
-        c[lane(sums * LANES) + lane(x)] = a[lane(PHASE * LANES) + lane(x)]
-    for x in range(m * LANES):
-        c[lane(states * LANES) + lane(x)] = a[lane(PHASE * LANES) + lane(x)] + a[lane((PHASE + m) * LANES) + lane(x)]
 
 
 def _write_states(c: Numbers, a: Numbers, at: int) -> None:
@@ -534,9 +445,9 @@ def _attempted(trials: Any, phase: PhaseState, h: float) -> tuple[PhaseState, Ph
     """Return the results of an embedded pair after a step of h s from the grid point."""
     c, f, (row, _, pair) = trials
     if h == f[TRIED]:
-        _stand(c, f, GRID_POINT + _size(c))
+        stand(c, f, GRID_POINT + _size(c))
     else:
-        _stand(c, f, GRID_POINT)
+        stand(c, f, GRID_POINT)
         _alone(c, row, pair, h)
     f[TRIED] = 0.0
     return phase_at(c, CONSTANTS), phase_at(c, OTHER)
@@ -571,7 +482,10 @@ _by_trial = specialise(
 )
 
 _TAKE = "FunctionType(void(float64[::1], float64))"
-_ARRAYS = "float64[:, :, ::1], float64[:, :, ::1], int64[:, ::1], float64[:, ::1]"
-_KERNELS = f"{_TAKE}, {_TAKE}, FunctionType({SIGNATURE}), int64"
-_SIGNATURE = f"void({_ARRAYS}, int64[::1], int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
+_GROUP = "float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, ::1], int64[::1], float64[::1], float64[:, ::1]"
+BESIDE = f"int64({_GROUP})"
+"""Types of the kernel for the bodies of a group, as numba writes them."""
+_ARRAYS = "float64[:, :, ::1], float64[:, :, ::1], int64[:, :, ::1], float64[:, :, ::1], int64[:, ::1]"
+_KERNELS = f"{_TAKE}, {_TAKE}, FunctionType({BESIDE}), int64"
+_SIGNATURE = f"void({_ARRAYS}, int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
 ADVANCE_ALL = OnDemand("dop853", advance_all, _SIGNATURE, steps=4.0)

@@ -322,7 +322,7 @@ def _provide_workspace() -> None:
         return array(rows, lanes), build
 
     def in_a_row(_context: Any, matrix: Any) -> Any:
-        found = types.Array(types.float64, 1, "C")
+        found = types.Array(matrix.dtype, 1, "C")
 
         def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             given, value = (

@@ -146,7 +146,12 @@ def log(q: Quaternion) -> Vector:
 def angle_between(p: Quaternion, q: Quaternion) -> float:
     """Return the angle (rad) of the rotation from attitude p to attitude q, 0 to pi."""
     x, y, z, w = multiply(conjugate(p), q)
-    return 2.0 * math.atan2(norm((x, y, z)), abs(w))
+    return angle_of(norm((x, y, z)), abs(w))
+
+
+def angle_of(sine: float, cosine: float) -> float:
+    """Return the angle (rad), 0 to pi, with multiples of this sine and cosine of its half, which are not negative."""
+    return 2.0 * math.atan2(sine, cosine)
 
 
 def dexp(v: Vector, u: Vector) -> Vector:

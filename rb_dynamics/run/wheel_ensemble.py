@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -36,12 +36,13 @@ from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
 from rb_dynamics.motion.wheel_arcs_kernel import (
     ADVANCE_ALL,
     GRID_POINT,
+    LANES,
     LEFT_BEHIND,
     LENGTH,
     WHOLE,
     size_of,
 )
-from rb_dynamics.motion.wheel_lanes_kernel import LANES, pairs_of
+from rb_dynamics.motion.wheel_lanes_kernel import strides_of
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from rb_dynamics.numerics.array_types import Numbers
+
+_Rows = TypeVar("_Rows", bound="npt.NDArray[Any]")
 
 # Times up to it are doubles without rounding, as the lengths of steps are.
 _LATEST_NS = 2**53
@@ -117,9 +120,9 @@ def _kernels(solver: Solver) -> StatefulKernels | None:
 
 
 def _side_by_side(scene: Scene) -> OnDemand | None:
-    """Return the kernel for the pairs of several bodies, if there is one."""
+    """Return the kernel for the strides of several bodies, if there is one."""
     method = _method(scene.solver)
-    return None if scene.solver.step is not None or method is None else pairs_of(method, len(scene.wheels))
+    return None if scene.solver.step is not None or method is None else strides_of(method, len(scene.wheels))
 
 
 def _method(solver: Solver) -> Method | None:
@@ -179,7 +182,7 @@ class WheelEnsemble:
         begun: Any = [_beginning([scenes[i] for i in which], kernels, self._start[which]) for which in alike.values()]
         order = np.concatenate(list(alike.values())).argsort()
         rows, arcs, whole = (np.concatenate(parts)[order] for parts in zip(*begun, strict=True))
-        self.rows, self._arcs, self._whole = _in_lanes(rows), _in_lanes(arcs), whole
+        self.rows, self._arcs, self._whole = _in_lanes(rows), _in_lanes(arcs), _in_lanes(whole)
         self._states, self._sums, _ = layout(rows[0])
         groups, size = len(self.rows), size_of(self._states)
         spare, results = np.tile(rows[0], (groups, 1)), np.zeros((groups, size + PHASE, LANES))
@@ -204,7 +207,7 @@ class WheelEnsemble:
     @property
     def left_behind(self) -> npt.NDArray[np.bool_]:
         """(N,), which bodies could not go on: they are to be simulated alone."""
-        found: npt.NDArray[np.bool_] = self._whole[:, LEFT_BEHIND] != 0
+        found: npt.NDArray[np.bool_] = (self._whole[:, LEFT_BEHIND] != 0).reshape(-1)[: len(self)]
         return found
 
     def rejects(self, commands: Numbers) -> npt.NDArray[np.bool_]:
@@ -254,13 +257,17 @@ class WheelEnsemble:
         self._commands = np.where(which[:, np.newaxis], np.nan, self._commands)
 
     def _go_to(self, until_ns: npt.NDArray[np.int64]) -> None:
+        import numpy as np
+
         if self._samples is not None and (samples := self._samples()) is not None:
             # Somebody may read them later.
             samples.keep()
         self._samples, self._stands = None, False
-        what = self.rows, self._arcs, self._whole, self._commands, until_ns
-        parts = parts_of(len(self), LANES, self._threads, _STEPS)
-        each_part(lambda part: self._kernel(*what, *part, *self._handed), parts)
+        times_ns = np.full(len(self.rows) * LANES, -1)
+        times_ns[: len(self)] = until_ns
+        what = self.rows, self._arcs, self._whole, _in_lanes(self._commands), times_ns.reshape(-1, LANES)
+        parts = parts_of(len(times_ns), LANES, self._threads, _STEPS)
+        each_part(lambda part: self._kernel(*what, *(end // LANES for end in part), *self._handed), parts)
 
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
@@ -428,7 +435,7 @@ class _Dipoles:
         return with_dipoles(self._numbers, self._sources, np.stack(rotate_inverse(self._principal, total), axis=1))
 
 
-def _in_lanes(given: Numbers) -> Numbers:
+def _in_lanes(given: _Rows) -> _Rows:
     """Return rows in groups of `LANES`, (groups, ..., `LANES`); the last one stands for those that are missing."""
     import numpy as np
 
