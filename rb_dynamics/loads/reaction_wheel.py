@@ -174,6 +174,11 @@ class ReactionWheel(Actuator):
             SceneError: it cannot, or its friction is too strong for times in whole nanoseconds.
         """
         require_contained([self], body)
+        least = min(body.principal_moments)
+        if max(self.viscous / _FASTEST_SLOWING, self.coulomb / FASTEST) * least < 0.5 * self.inertia * (
+            least - self.inertia
+        ):
+            return
         free = self._free_inertia(body)
         if self.viscous > _FASTEST_SLOWING * free or self.coulomb > FASTEST * free:
             raise SceneError(
@@ -247,8 +252,11 @@ def require_contained(effects: Sequence[Effect], body: RigidBody) -> None:
         return
     if body.is_particle:
         raise SceneError("reaction_wheel: the body is a particle, expected one with inertia; add body.inertia")
-    inner = [(wheel.axis_in(body), wheel.inertia) for wheel in wheels]
     rotors = [each.spin(body, 0.0) for each in effects if isinstance(each, Rotor)]
+    # A campaign asks for each of its runs: mostly this is enough, with room for rounding.
+    if sum([each.inertia for each in (*wheels, *rotors)]) < (1.0 - 2.0 * _LEFT_OVER) * min(body.principal_moments):
+        return
+    inner = [(wheel.axis_in(body), wheel.inertia) for wheel in wheels]
     inner += [(rotor.axis, rotor.inertia) for rotor in rotors]
     # In units in which I is the unit matrix, the largest eigenvalue of the sum is their largest part of it.
     scales = [math.sqrt(moment) for moment in body.principal_moments]
