@@ -65,7 +65,7 @@ from rb_dynamics.motion.wheel_arcs_kernel import (
     stand,
     tries,
 )
-from rb_dynamics.numerics.compilation import block, flat, lane, specialise
+from rb_dynamics.numerics.compilation import block, flat, lane, specialise, workspace
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add, add_scaled, divide, dot, scale
@@ -159,17 +159,9 @@ def strides_on_numbers(
     if free > 0:
         _read(rows, WHEELS, _HIGH, w, 0)
         _read(arcs, BEGAN, LEARNT + 5 - BEGAN, f, BEGAN)
-    tried = free
     if free < LANES:
-        for i in range(LANES):
-            m[_TRIED, i] = 0.0
-            if m[_FREE, i] == 0.0:
-                begin(rows[:, i], arcs[:, i], whole[:, i], commands[:, i], until_ns[i])
-                if tried == 0:
-                    length = whole[EXPECTED, i]
-                if length > 0 and until_ns[i] >= 0 and tries(rows[:, i], arcs[:, i], whole[:, i], length):
-                    m[_TRIED, i], tried = 1.0, tried + 1
-        if tried < _FEWEST and free == 0:
+        tried, length = _begin_others(m, rows, arcs, whole, commands, until_ns, free, length)
+        if tried < _FEWEST:
             return 0
         h = length / NANOSECONDS
         _read(w, 0, _HIGH, rows, WHEELS)
@@ -180,26 +172,53 @@ def strides_on_numbers(
         _accept(m, c, s, r, w, e, f, effects != 0.0, h)
     arrived = 0
     for i in range(LANES):
-        if m[_FREE, i] != 0.0 and m[_ACCEPTED, i] != 0.0:
-            arrived += 1
+        m[_FREE, i] *= m[_ACCEPTED, i] if free > 0 else 0.0
+        arrived += int(m[_FREE, i])
     if arrived == LANES:
         _read(rows, CONSTANTS, PHASE, r, 0)
-        _read(rows, WHEELS + _HIGH, 2 * _M, w, _HIGH)
-        _stand_free(rows, w)
+        _read(rows, WHEELS + _HIGH, 3 * _M, w, _HIGH)
     else:
         _read(results, 0, PHASE, r, 0)
         _read(results, PHASE, 2 * _M, w, _HIGH)
         _read(results, PHASE + 2 * _M, PHASE, other, 0)
+        _end_one_by_one(m, rows, arcs, results, h)
     for i in range(LANES):
-        if m[_FREE, i] != 0.0 and m[_ACCEPTED, i] != 0.0:
+        if m[_FREE, i] != 0.0:
             arcs[LEARNT, i], arcs[LEARNT + 1, i] = m[_FOLLOWING, i], m[_APART + 5, i]
             whole[REACHED, i], whole[STRIDES, i], whole[UNLIKE, i], whole[ARRIVED, i] = length, 1, 0, 1
             whole[TIME, i] = whole[SEARCHED, i] = until_ns[i]
-            if arrived < LANES:
-                stand(rows[:, i], results[:, i], 0)
-        elif m[_FREE, i] != 0.0 or m[_TRIED, i] != 0.0:
-            keep_tried(rows[:, i], arcs[:, i], results[:, i], h)
     return arrived
+
+
+def _begin_others(
+    m: Numbers,
+    rows: Numbers,
+    arcs: Numbers,
+    whole: Whole,
+    commands: Numbers,
+    until_ns: Whole,
+    free: int,
+    length: int,
+) -> tuple[int, int]:
+    """Give the other bodies their commands; return how many then try a stride of which length (ns)."""
+    tried = free
+    for i in range(LANES):
+        if m[_FREE, i] == 0.0:
+            begin(rows[:, i], arcs[:, i], whole[:, i], commands[:, i], until_ns[i])
+            if tried == 0:
+                length = whole[EXPECTED, i]
+            if length > 0 and until_ns[i] >= 0 and tries(rows[:, i], arcs[:, i], whole[:, i], length):
+                m[_TRIED, i], tried = 1.0, tried + 1
+    return tried, length
+
+
+def _end_one_by_one(m: Numbers, rows: Numbers, arcs: Numbers, results: Numbers, h: float) -> None:
+    """Let bodies stand where a stride of h s led them, and keep the results of the others that have tried it."""
+    for i in range(LANES):
+        if m[_FREE, i] != 0.0:
+            stand(rows[:, i], results[:, i], 0)
+        elif m[_TRIED, i] != 0.0:
+            keep_tried(rows[:, i], arcs[:, i], results[:, i], h)
 
 
 def _mark_free(
@@ -231,18 +250,22 @@ def _mark_free(
             commanded = commanded | (not math.isnan(told[lane(k * LANES) + o]))
             free = free & turns_freely(w[:, o], 0, k, speed_of(w[:, o], 0, _STATES, k, omega))
         m[_FREE, o] = 1.0 if free & commanded else 0.0
+        m[_TRIED, o] = m[_FREE, o]
 
 
 def _begin_free(m: Numbers, s: Numbers, w: Numbers, f: Numbers, whole: Whole, commands: Numbers, h: float) -> int:
     """Give commands to those bodies, as `begin` does; return how many they are."""
     told, free = flat(commands), 0
-    for i in range(LANES):
-        o, omega, below = lane(i), (s[4, lane(i)], s[5, lane(i)], s[6, lane(i)]), -math.inf
-        goes = m[_FREE, o] != 0.0
-        for k in range(_WHEELS):
-            value, speed = told[lane(k * LANES) + o], speed_of(w[:, o], 0, _STATES, k, omega)
-            if goes and not math.isnan(value):
+    for k in range(_WHEELS):
+        for i in range(LANES):
+            o = lane(i)
+            value, speed = told[lane(k * LANES) + o], speed_of(w[:, o], 0, _STATES, k, (s[4, o], s[5, o], s[6, o]))
+            if m[_FREE, o] != 0.0 and not math.isnan(value):
                 command_freely(w[:, o], 0, k, value, speed)
+    for i in range(LANES):
+        o, below = lane(i), -math.inf
+        goes, omega = m[_FREE, o] != 0.0, (s[4, o], s[5, o], s[6, o])
+        for k in range(_WHEELS):
             below = max(below, excess(w[:, o], 0, _STATES, k, ZERO, omega))
         m[_BELOW, o] = min(below, 0.0)
         for k in range(5):
@@ -336,13 +359,6 @@ def _goal(f: Numbers, i: int) -> Goal:
     share, x, y, z = f[GOAL + 6, i], f[GOAL + 7, i], f[GOAL + 8, i], f[GOAL + 9, i]
     ends, order, errors = f[GOAL + 2, i] != 0.0, f[GOAL + 4, i], f[GOAL + 5, i]
     return Goal(f[GOAL, i], f[GOAL + 1, i], ends, f[GOAL + 3, i], order, errors, share, x, y, z, 0.0, f[GOAL + 11, i])
-
-
-def _stand_free(rows: Numbers, w: Numbers) -> None:
-    """Write the states, whose sums are written."""
-    target, given, first = flat(rows), flat(w), lane((WHEELS + _STATES) * LANES)
-    for x in range(_M * LANES):
-        target[first + lane(x)] = given[lane(_STATES * LANES) + lane(x)]
 
 
 def _take_pairs(
@@ -444,23 +460,26 @@ def _constants(c: Numbers, s: Numbers, i: int, h: float) -> tuple[StepConstants,
 def _add_up(k: Numbers, t: Numbers, weights: Numbers, h: float, row: int, stages: int, to: int) -> None:
     """Write h times the sums of the slopes at the first stages, with the weights of a row, from `to` on."""
     begin, turns = lane(to * LANES), lane((to + _TURN) * LANES)
-    if stages == 0:
-        for x in range(_PER_SUM * LANES):
-            t[begin + lane(x)] = 0.0
-        return
-    first = weights[ROWS + row * MOST_STAGES]
-    for x in range(_PER_SUM * LANES):
-        t[begin + lane(x)] = first * k[lane(x)]
     # Other sums than `total` begin with 0: -0 becomes 0.
+    for x in range(_TURN * LANES):
+        t[begin + lane(x)] = -0.0
     for x in range((_PER_SUM - _TURN) * LANES):
-        t[turns + lane(x)] = 0.0 + t[turns + lane(x)]
-    for stage in range(1, stages):
-        weight, at = weights[ROWS + row * MOST_STAGES + stage], lane(stage * _PER_SLOPE * LANES)
-        if weight != 0.0:
+        t[turns + lane(x)] = 0.0
+    count, which = 0, workspace(MOST_STAGES)
+    for stage in range(stages):
+        if weights[ROWS + row * MOST_STAGES + stage] != 0.0:
+            which[count], count = stage, count + 1
+    # Two at once, as what takes time is reading and writing; the last are multiplied by h.
+    for k_th in range(0, count, 2):
+        one, two, factor = int(which[k_th]), int(which[min(k_th + 1, count - 1)]), h if k_th + 2 >= count else 1.0
+        a, first = lane(one * _PER_SLOPE * LANES), weights[ROWS + row * MOST_STAGES + one]
+        b, second = lane(two * _PER_SLOPE * LANES), weights[ROWS + row * MOST_STAGES + two]
+        if one == two:
             for x in range(_PER_SUM * LANES):
-                t[begin + lane(x)] = t[begin + lane(x)] + weight * k[at + lane(x)]
-    for x in range(_PER_SUM * LANES):
-        t[begin + lane(x)] = h * t[begin + lane(x)]
+                t[begin + lane(x)] = factor * (t[begin + lane(x)] + first * k[a + lane(x)])
+        else:
+            for x in range(_PER_SUM * LANES):
+                t[begin + lane(x)] = factor * (t[begin + lane(x)] + first * k[a + lane(x)] + second * k[b + lane(x)])
 
 
 def _number_of(t: Numbers, r: int, i: int) -> float:
@@ -498,7 +517,7 @@ def _write_vector(k: Numbers, at: int, r: int, a: Vector) -> None:
     k[at + lane(r * LANES)], k[at + lane((r + 1) * LANES)], k[at + lane((r + 2) * LANES)] = a
 
 
-# Of a method and a number of wheels, see `strides_of`.
+# Of a method and a number of wheels, see `strides_beside`.
 _NODES = (0.0,)
 _STAGES = _M = _COLUMN = _HIGH = _LOW = _STATES = _RATES = _PER_SLOPE = _PER_SUM = _SLOPES = _SUMS = 0
 
@@ -539,7 +558,7 @@ def _is_never_held(c: Numbers, i: int) -> bool:  # noqa: ARG001
 
 
 @cache
-def strides_of(method: Method, wheels: int) -> OnDemand | None:
+def strides_beside(method: Method, wheels: int) -> OnDemand | None:
     """Return the kernel for bodies with so many wheels; None if there is none."""
     tableau = method.tableau
     if tableau is None or wheels not in COUNTS:
@@ -575,7 +594,7 @@ def strides_of(method: Method, wheels: int) -> OnDemand | None:
         _momentum_in=made(momentum_in, count_of=count),
         **{part.__name__: made(part) for part in (_move_states, _add_books, _end_states, _add_up, _write_slope)},
     )
-    parts = (_mark_free, _begin_free, _compare, _choose_following, _stand_free)
+    parts = (_mark_free, _begin_free)
     found = made(
         strides_on_numbers,
         _take_pairs=pairs,

@@ -16,7 +16,7 @@ from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPA
 from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL
-from rb_dynamics.motion.wheel_lanes_kernel import COUNTS, strides_of
+from rb_dynamics.motion.wheel_lanes_kernel import COUNTS, strides_beside
 from rb_dynamics.run.many_measurements import FIND_TRUTHS, READ_ALL
 
 
@@ -37,9 +37,8 @@ def all_kernels() -> dict[str, OnDemand]:
         for m in methods
         for each in (*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m), *_with_wheels(m))
     )
-    return usual_kernels() | _by_name(
-        [FREE_STATES, ADVANCE_ALL, *(strides_of(m, n) for m in methods for n in COUNTS), READ_ALL, FIND_TRUTHS, *others]
-    )
+    beside = (strides_beside(m, n) for m in methods for n in COUNTS)
+    return usual_kernels() | _by_name([FREE_STATES, ADVANCE_ALL, *beside, READ_ALL, FIND_TRUTHS, *others])
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:

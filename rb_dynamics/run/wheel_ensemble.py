@@ -42,7 +42,7 @@ from rb_dynamics.motion.wheel_arcs_kernel import (
     WHOLE,
     size_of,
 )
-from rb_dynamics.motion.wheel_lanes_kernel import strides_of
+from rb_dynamics.motion.wheel_lanes_kernel import strides_beside
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
@@ -122,7 +122,7 @@ def _kernels(solver: Solver) -> StatefulKernels | None:
 def _side_by_side(scene: Scene) -> OnDemand | None:
     """Return the kernel for the strides of several bodies, if there is one."""
     method = _method(scene.solver)
-    return None if scene.solver.step is not None or method is None else strides_of(method, len(scene.wheels))
+    return None if scene.solver.step is not None or method is None else strides_beside(method, len(scene.wheels))
 
 
 def _method(solver: Solver) -> Method | None:

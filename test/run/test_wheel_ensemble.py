@@ -22,7 +22,7 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.kernel_layout import phase_numbers
 from rb_dynamics.motion.phase_state import SUMS, PhaseState
-from rb_dynamics.motion.wheel_lanes_kernel import LANES
+from rb_dynamics.motion.wheel_arcs_kernel import LANES
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.simulation import Simulation, without_outputs
