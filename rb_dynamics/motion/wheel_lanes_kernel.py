@@ -169,7 +169,7 @@ def strides_on_numbers(
     if free > 0:
         _compare(m, s, r, other, f, h)
         _choose_following(m, f, h)
-        _accept(m, c, s, r, w, e, f, effects != 0.0, h)
+        _accept(m, c, s, r, w, e, f, effects != 0.0, length, h)
     arrived = 0
     for i in range(LANES):
         m[_FREE, i] *= m[_ACCEPTED, i] if free > 0 else 0.0
@@ -329,6 +329,7 @@ def _accept(
     e: Numbers,
     f: Numbers,
     acts: bool,
+    length: int,
     h: float,
 ) -> None:
     """Accept the strides for which rounding, load and wheels allow it, and whose end is finite."""
@@ -341,7 +342,7 @@ def _accept(
             here = Point(elapsed(start), total(start, POSITION), velocity, start.orientation, start.angular_velocity)
             sight = time_to_fall(_attraction(e, o), here)
         goal, omega = _goal(f, o), end.angular_velocity
-        lost = rounding(goal, start, max(h * NANOSECONDS, m[_FOLLOWING, o] * NANOSECONDS))
+        lost = rounding(goal, start, max(float(length), m[_FOLLOWING, o] * NANOSECONDS))
         above, sums = -math.inf, dot(momentum, scale(inverse, momentum)) + dot(omega, times(moments, omega))
         for k in range(_M):
             w[_STATES + k, o] = w[_HIGH + k, o] + w[_LOW + k, o]

@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -58,8 +58,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from rb_dynamics.numerics.array_types import Numbers
-
-_Rows = TypeVar("_Rows", bound="npt.NDArray[Any]")
 
 # Times up to it are doubles without rounding, as the lengths of steps are.
 _LATEST_NS = 2**53
@@ -435,13 +433,13 @@ class _Dipoles:
         return with_dipoles(self._numbers, self._sources, np.stack(rotate_inverse(self._principal, total), axis=1))
 
 
-def _in_lanes(given: _Rows) -> _Rows:
+def _in_lanes(given: npt.NDArray[Any]) -> Any:
     """Return rows in groups of `LANES`, (groups, ..., `LANES`); the last one stands for those that are missing."""
     import numpy as np
 
-    missing = np.repeat(given[-1:], -len(given) % LANES, axis=0)
-    whole = np.concatenate((given, missing)).reshape(-1, LANES, given.shape[1])
-    return np.ascontiguousarray(whole.transpose(0, 2, 1))
+    if missing := -len(given) % LANES:
+        given = np.concatenate((given, np.repeat(given[-1:], missing, axis=0)))
+    return np.ascontiguousarray(given.reshape(-1, LANES, given.shape[1]).transpose(0, 2, 1))
 
 
 def _beginning(

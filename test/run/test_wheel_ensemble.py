@@ -22,7 +22,7 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.kernel_layout import phase_numbers
 from rb_dynamics.motion.phase_state import SUMS, PhaseState
-from rb_dynamics.motion.wheel_arcs_kernel import LANES
+from rb_dynamics.motion.wheel_arcs_kernel import ARRIVED, LANES
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.simulation import Simulation, without_outputs
@@ -144,6 +144,34 @@ def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
     times = [250_000_000 * k for k in range(41)]
     given = [[[draw.uniform(-3e-3, 3e-3) for _ in range(count)] for _ in scenes] for _ in times]
     together_as_alone(scenes, times, given)
+
+
+@pytest.mark.parametrize("solver", [Solver("dverk", accuracy=1e-4), Solver("dverk", accuracy=2e-8)])
+def test_commands_and_checks_go_side_by_side_while_wheels_turn(monkeypatch: pytest.MonkeyPatch, solver: Solver) -> None:
+    """Errors are far below the accuracy, or near it; one wheel comes to rest, some get no command, one law is late."""
+    import numpy as np
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    draw, scenes = random.Random(7), []
+    for number in range(LANES):
+        scene = satellite(number, solver, "torque")
+        speeds = [200.0, -150.0, 0.1 if number == 3 else 300.0]
+        wheels = [
+            replace(wheel, speed=speed, max_speed=400.0, coulomb=2e-5)
+            for wheel, speed in zip(scene.wheels, speeds, strict=True)
+        ]
+        scenes.append(replace(scene, actuators=tuple(wheels), duration=10.0))
+    times = [250_000_000 * k for k in range(41)]
+    given = [
+        [[math.nan if draw.random() < 0.2 else draw.gauss(0.0, 1e-3) for _ in range(3)] for _ in scenes] for _ in times
+    ]
+    given[20] = [[math.nan] * 3] * LANES
+    arrived, go = [], WheelEnsemble._go_to
+    monkeypatch.setattr(
+        WheelEnsemble, "_go_to", lambda s, until: (go(s, until), arrived.append((s._whole[:, ARRIVED] != 0).sum()))
+    )
+    together_as_alone(scenes, times, given)
+    assert 0.7 * LANES < np.mean(arrived[4:]) < LANES
 
 
 @pytest.mark.parametrize("solver", [Solver("auto", accuracy=1e-6), Solver("dop853", step=0.25, accuracy=None)])
