@@ -173,12 +173,11 @@ class ReactionWheel(Actuator):
         Raises:
             SceneError: it cannot, or its friction is too strong for times in whole nanoseconds.
         """
-        require_contained([self], body)
-        least = min(body.principal_moments)
-        if max(self.viscous / _FASTEST_SLOWING, self.coulomb / FASTEST) * least < 0.5 * self.inertia * (
-            least - self.inertia
-        ):
+        # A campaign checks each of its runs: mostly this is enough.
+        least, fastest = min(body.principal_moments), max(self.viscous / _FASTEST_SLOWING, self.coulomb / FASTEST)
+        if fastest * least < 0.5 * self.inertia * ((1.0 - 2.0 * _LEFT_OVER) * least - self.inertia):
             return
+        require_contained([self], body)
         free = self._free_inertia(body)
         if self.viscous > _FASTEST_SLOWING * free or self.coulomb > FASTEST * free:
             raise SceneError(
@@ -253,7 +252,7 @@ def require_contained(effects: Sequence[Effect], body: RigidBody) -> None:
     if body.is_particle:
         raise SceneError("reaction_wheel: the body is a particle, expected one with inertia; add body.inertia")
     rotors = [each.spin(body, 0.0) for each in effects if isinstance(each, Rotor)]
-    # A campaign asks for each of its runs: mostly this is enough, with room for rounding.
+    # As in `check`; with room for rounding.
     whole = sum([wheel.inertia for wheel in wheels]) + sum([rotor.inertia for rotor in rotors])
     if whole < (1.0 - 2.0 * _LEFT_OVER) * min(body.principal_moments):
         return

@@ -551,7 +551,7 @@ _WHEELS = 0
 
 # Errors that are smaller than the accuracy allows by this factor let the following stride be five times as long, see
 # `following_step`; with room for rounding.
-_SMALL = 0.0
+_SMALL = math.inf
 
 
 def _is_never_held(c: Numbers, i: int) -> bool:  # noqa: ARG001
@@ -595,7 +595,7 @@ def strides_beside(method: Method, wheels: int) -> OnDemand | None:
         _momentum_in=made(momentum_in, count_of=count),
         **{part.__name__: made(part) for part in (_move_states, _add_books, _end_states, _add_up, _write_slope)},
     )
-    parts = (_mark_free, _begin_free)
+    parts = (_mark_free, _begin_free, _compare)
     found = made(
         strides_on_numbers,
         _take_pairs=pairs,
