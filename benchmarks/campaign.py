@@ -137,6 +137,16 @@ def by_runs(most: int) -> None:
                     simulate_block(found, first, min(runs, first + SIDE_BY_SIDE), 1)
 
             print(f"{runs:8d} {seconds(fly, REPEATS if runs <= 10_000 else 1) / runs * 1e6:10.1f}", flush=True)
+        print(f"of which {making(found) * 1e6:10.1f} to make and check its scene")
+
+
+def making(found: Any, runs: int = 200) -> float:
+    """Return the time (s) to make and check the scene of a run."""
+    from rb_dynamics.study.campaign.block_of_runs import values_of
+    from rb_dynamics.study.campaign.scenes import Scenes
+
+    scenes, values = Scenes(found), [values_of(found, run) for run in range(runs)]
+    return seconds(lambda: [scenes.scene(values[run], run) for run in range(runs)]) / runs
 
 
 class Flown(NamedTuple):
@@ -399,23 +409,19 @@ def under_effects(runs: int) -> None:
 
 
 def by_accuracy(path: Path, runs: int) -> None:
-    from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block, values_of
+    from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
     from rb_dynamics.study.campaign.read import read_campaign
-    from rb_dynamics.study.campaign.scenes import Scenes
 
-    found, few = read_campaign(path, {"runs": runs}), min(runs, 20)
-    scenes, ratios = Scenes(found), []
-    values = [values_of(found, run) for run in range(few)]
+    found, few, ratios = read_campaign(path, {"runs": runs}), min(runs, 20), []
     for _ in range(2):
         simulate_block(found, 0, runs, 1)
     for _ in range(5):
         block = seconds(lambda: simulate_block(found, 0, runs, 1), 1) / runs
         alone = seconds(lambda: [simulate_alone(found, run) for run in range(few)], 1) / few
-        making = seconds(lambda: [scenes.scene(values[run], run) for run in range(few)], 1) / few
-        ratios.append((alone / block, block, alone, making))
-    ratio, block, alone, making = sorted(ratios)[2]
+        ratios.append((alone / block, block, alone, making(found, runs)))
+    ratio, block, alone, made = sorted(ratios)[2]
     print(f"in a block  {block * 1e3:9.3f} ms a run, {1.0 / block:8.0f} runs a second on one core")
-    print(f"  of which  {making * 1e3:9.3f} ms to make and check its scene")
+    print(f"  of which  {made * 1e3:9.3f} ms to make and check its scene")
     print(f"alone       {alone * 1e3:9.3f} ms a run, {ratio:.1f} times as long")
 
 
