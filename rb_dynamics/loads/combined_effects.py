@@ -259,6 +259,17 @@ class CombinedEffects:
 
         return stored
 
+    def stored_at(self, points: Point) -> Stored | None:
+        """Return momentum and energy at a point of arrays; None if they must be computed one by one."""
+        momentum, energy = ZERO, 0.0
+        for effect in self.effects:
+            if (part := effect.storing(self.body)) is not None:
+                if not effect.takes_arrays:
+                    return None
+                more = part(points)
+                momentum, energy = add(momentum, more.momentum), energy + more.energy
+        return Stored(momentum, energy)
+
 
 def _total(values: Iterable[float]) -> float:
     """Return the sum of `values` in their order, as in kernels; `sum` rounds differently in some versions of Python."""

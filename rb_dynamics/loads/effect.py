@@ -74,7 +74,7 @@ class Effect:
         kind: `type` in the scene's list of effects.
         takes: what its load depends on.
         keys: the other keys of its entry in the scene.
-        takes_arrays: whether its potential also takes a point of arrays, and returns an array with the same bits.
+        takes_arrays: whether `potential` and `storing` also take a point of arrays, with the same bits in arrays.
     """
 
     kind: ClassVar[str]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -68,6 +68,7 @@ class Rotor(Effect):
     kind: ClassVar[str] = "rotor"
     takes: ClassVar[LoadDependence] = LoadDependence.ANY
     keys: ClassVar[tuple[str, ...]] = ("axis_body", "axial_inertia", "spin_rate")
+    takes_arrays: ClassVar[bool] = True
     ranges: ClassVar[Mapping[str, Range]] = {
         "axial_inertia": Range(
             "a number greater than 0 (kg m^2)", "write the rotor's inertia about its own axis", above=0.0
@@ -139,8 +140,9 @@ class Rotor(Effect):
         axis, inertia = self._axis(body), self.axial_inertia
 
         def stored(point: Point) -> Stored:
-            begin, rate, slope = self._piece(point.time)
-            spin = rate + slope * (point.time - begin)
+            time: Any = point.time
+            begin, rate, slope = self._piece(time) if isinstance(time, float) else self._pieces(time)
+            spin = rate + slope * (time - begin)
             energy = inertia * spin * (dot(axis, point.angular_velocity) + 0.5 * spin)
             return Stored(scale(inertia * spin, axis), energy)
 
@@ -149,6 +151,14 @@ class Rotor(Effect):
     def _axis(self, body: RigidBody) -> Vector:
         axis = rotate_inverse(body.principal_orientation_xyzw, self.axis_body)
         return scale(1.0 / norm(axis), axis)
+
+    def _pieces(self, times: Any) -> Any:
+        """Return the same as `_piece` for an array of times."""
+        import numpy as np
+
+        begins = [begin for begin, _ in self.spin_rate]
+        pieces = np.array([self._piece(begin) for begin in (-1.0, *begins)])
+        return pieces[np.searchsorted(begins, times, side="right")].T
 
     def _piece(self, time: float) -> tuple[float, float, float]:
         """Return start, rate at the start and slope of the piece that begins at or before `time` and holds after it."""

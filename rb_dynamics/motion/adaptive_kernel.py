@@ -6,14 +6,17 @@ before a step that plain Python would refuse; plain Python then takes that step 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.loads.compiled_load import load_scales, sight_of_transients, strength
 from rb_dynamics.loads.effect import Point
+from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.fixed_step_kernel import OnDemand, compiles, load_of, no_load
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, compiles, load_of, load_of_effects, no_load
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -25,6 +28,7 @@ from rb_dynamics.motion.kernel_layout import (
     phase_of,
     write_phase,
 )
+from rb_dynamics.motion.load_time_scale import are_finite, largest_rate, steady_time, write_rates
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, grown, is_finite, total
 from rb_dynamics.motion.step_control import (
@@ -36,11 +40,13 @@ from rb_dynamics.motion.step_control import (
     Stride,
     by_method,
     by_trial,
+    first_guess,
     rounding,
     taught,
 )
-from rb_dynamics.numerics.compilation import specialise
+from rb_dynamics.numerics.compilation import compiled_apart, specialise
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.vector import Vector, norm, scale
 
 if TYPE_CHECKING:
@@ -111,14 +117,17 @@ def _choose(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -
 
 def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """As `AccuracyControl.stride`, under the load of effects."""
-    inertia, _, effects = constants
+    inertia, held, effects = constants
+    step, load = learnt.step, _load(effects, phase.high, phase.low)
+    if not step > 0.0:
+        step = _STEADY(load, inertia, held, phase, first_guess(goal, phase))
     slowing, sight = load_scales(effects, _here(inertia, phase))
     sight = min(sight, sight_of_transients(effects, phase.high[13], phase.low[13]))
     if not sight > 0.0:
         return Stride(0, phase, learnt, 0.0)
     g, known = goal, learnt
     goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
-    step = min(known.step, max(sight, 1.0 / NANOSECONDS))
+    step = min(step, max(sight, 1.0 / NANOSECONDS))
     return by_trial(
         goal, Learnt(step, known.farthest, known.resolved_stride, known.resolved_error, known.until), phase, constants
     )
@@ -220,6 +229,15 @@ def _run_on_numbers(numbers: Numbers, room: int, count: int) -> tuple[int, int, 
     return progress.strides, progress.reached, progress.next_stride
 
 
+def _seen(
+    load: Any, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, omega: Vector
+) -> tuple[bool, Vector, Vector]:
+    """As in `load_time_scale.py`."""
+    push, twist = evaluated(load, t, displacement, velocity, orientation, omega)
+    return are_finite(push, twist), push, twist
+
+
+_STEADY = compiled_apart(specialise(steady_time, "steady_time_of_numbers", _seen=_seen))
 _STRENGTH = specialise(_held_strength, "strength_of_held")
 _WHOLE_STRENGTH = specialise(_whole_strength, "strength_of_all")
 
@@ -244,11 +262,15 @@ class Strides(OnDemand):
                 attempt = specialise(_pair_of_steps, f"{name}_trial", _pair=method.pair, _load=load)
             else:
                 attempt = specialise(_halves_and_whole, f"{name}_trial", _stepped=step)
-            longer = specialise(taught, f"{name}_taught", _attempt=attempt)
+            if effects:
+                # What is inlined is compiled again at each level of calls; under effects a call is cheap beside a step.
+                attempt = compiled_apart(attempt)
+            longer = compiled_apart(specialise(taught, f"{name}_taught", _attempt=attempt))
             whole = _WHOLE_STRENGTH if effects else _STRENGTH
             choose = specialise(by_trial, f"{name}_choice", _attempt=attempt, taught=longer, _strength=whole)
             if effects:
-                choose = specialise(_by_trial_in_sight, f"{name}_choice_in_sight", by_trial=choose)
+                choose = compiled_apart(choose)
+                choose = specialise(_by_trial_in_sight, f"{name}_choice_in_sight", by_trial=choose, _load=load)
         on_numbers = specialise(_run_on_numbers, name, run=specialise(run, f"{name}_run", _choose=choose))
         super().__init__(method.name, on_numbers, _SIGNATURE, _STEPS_IN_A_STRIDE[kind])
 
@@ -267,15 +289,79 @@ class Strides(OnDemand):
         compiled = self.get(ahead, 1)
         if compiled is None:
             return None
-        import numpy as np
-
-        numbers = np.empty(_AFTER_AT + _STATE_SIZE + len(effects))
-        numbers[_AFTER_AT + _STATE_SIZE :] = effects
-        _INPUT.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
+        numbers = _packed(constants, goal, learnt, phase, effects)
         strides, reached, next_stride = compiled(numbers, min(room, FOREVER), count)
         s = _OUTPUT.unpack_from(numbers.data, 8 * _PHASE_AT)
         (end, learnt), (after, following) = _known(s[:_STATE_SIZE]), _known(s[_STATE_SIZE:])
         return Progress(strides, reached, end, learnt, next_stride, after, following)
+
+    def longest(
+        self,
+        constants: Constants,
+        goal: Goal,
+        learnt: Learnt,
+        phase: PhaseState,
+        trials: int,
+        effects: tuple[float, ...] = (),
+    ) -> tuple[float, Learnt] | None:
+        """Return the longest stride (s) of so many trials and what they teach; None if one fails or without kernels."""
+        compiled, search = self.get(1, 1), LONGEST.get(1, 1)
+        if compiled is None or search is None:
+            return None
+        numbers = _packed(constants, goal, learnt, phase, effects)
+        found = search(numbers, trials, compiled)
+        learnt = Learnt(*numbers[_PHASE_AT + PHASE : _AFTER_AT].tolist())
+        return (found / NANOSECONDS, learnt) if found > 0 else None
+
+
+def _packed(constants: Constants, goal: Goal, learnt: Learnt, phase: PhaseState, effects: tuple[float, ...]) -> Numbers:
+    import numpy as np
+
+    numbers = np.empty(_AFTER_AT + _STATE_SIZE + len(effects))
+    numbers[_AFTER_AT + _STATE_SIZE :] = effects
+    _INPUT.pack_into(numbers.data, 0, *constant_numbers(*constants), *goal, *phase_numbers(phase), *learnt)
+    return numbers
+
+
+def _longest_of(numbers: Numbers, trials: int, strides: Callable[[Numbers, int, int], tuple[int, int, int]]) -> int:
+    """Return the longest stride (ns), as `longest_stride` of `auto_method.py` does; 0 if one fails."""
+    longest = 0
+    for _ in range(trials):
+        _, _, stride = strides(numbers, 0, 1)
+        if stride == 0:
+            return 0
+        for k in range(PHASE, _STATE_SIZE):
+            numbers[_PHASE_AT + k] = numbers[_AFTER_AT + k]
+        if stride / NANOSECONDS < LONGER * (longest / NANOSECONDS):
+            break
+        longest = stride
+    return longest
+
+
+LONGER = 1.2
+"""A trial has found no longer stride than the one before if its stride is less than this times as long."""
+
+
+def _rates_on_numbers(numbers: Numbers) -> None:
+    (inertia, _), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
+    load: Any = load_of_effects(numbers, phase.high, phase.low)
+    write_rates(load, inertia, phase, numbers[CONSTANTS + PHASE :])
+
+
+def fastest_rate_by_kernel(constants: Constants, phase: PhaseState, effects: tuple[float, ...]) -> float:
+    """Return `fastest_rate` under effects; inf if it is not finite or there is no kernel."""
+    compiled = RATES.get(1, 1)
+    if compiled is None:
+        return math.inf
+    import numpy as np
+
+    numbers = np.array((*constant_numbers(*constants), *phase_numbers(phase), *(0.0,) * 36, *effects))
+    compiled(numbers)
+    return largest_rate(numbers[CONSTANTS + PHASE : CONSTANTS + PHASE + 36])
+
+
+RATES = OnDemand("auto", _rates_on_numbers, "void(float64[::1])")
+LONGEST = OnDemand("auto", _longest_of, f"int64(float64[::1], int64, FunctionType({_SIGNATURE}))")
 
 
 def _known(numbers: tuple[float, ...]) -> tuple[PhaseState, Learnt]:

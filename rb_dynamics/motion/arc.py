@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.adaptive_kernel import Progress, Strides, strides_by
+from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES, Progress, Strides, fastest_rate_by_kernel, strides_by
 from rb_dynamics.motion.array_steps import are_finite, steps_from
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
@@ -148,11 +148,6 @@ class Arc:
     def load(self) -> tuple[LoadFrom | None, LoadScales]:
         """The load in addition to the held wrench."""
         return self._what_acts[2], self._what_acts[3]
-
-    def guess(self) -> None:
-        """Let the control guess the first stride, which a kernel cannot do."""
-        if isinstance(self._control, AccuracyControl):
-            self._control.learnt = self._control.guess(self._phase, self._advance)
 
     @property
     def state(self) -> ArcState:
@@ -421,6 +416,11 @@ class Stepper:
         method = self._method
         return method.takes_arrays and method.compiles and self._compiles and not (self._plugins or self._gradual)
 
+    @property
+    def _takes_numbers(self) -> bool:
+        """Whether there is a load that `EffectLoad` describes."""
+        return bool(self._effects) and self._compiles and not self._gradual
+
     def from_many(self, phases: Numbers, h: Numbers, count: int) -> Numbers | None:
         """Return the phases, (`PHASE`, k), after `count` steps of h[i] s from phases[:, i] each; None if refused."""
         return steps_from(self._method, self._inertia, self._held, h, count, phases, self._effects)
@@ -449,26 +449,26 @@ class Stepper:
         """Return the result of a kernel for strides; None if there is none."""
         if not are_ready(self._plugins, (strides,), ahead, 1):
             return None
-        acting, goal, learnt = (self._inertia, self._held), control.goal, control.learnt
-        if self._effects and isinstance(control, AccuracyControl):
-            learnt = control.guess(phase, self)
-        return strides.after(acting, goal, learnt, phase, room, count, ahead, self._effects)
+        acting = self._inertia, self._held
+        return strides.after(acting, control.goal, control.learnt, phase, room, count, ahead, self._effects)
 
-    def stride(self, control: StepControl, phase: PhaseState) -> tuple[int, PhaseState | None]:
-        """Return the next stride that `control` chooses in `phase` and, if known, the phase at its end.
+    def longest_stride(self, control: StepControl, phase: PhaseState, trials: int) -> float | None:
+        """Return the longest stride (s) of so many trials by a kernel, and let `control` learn; None without a kernel.
 
         This alone is no reason to compile a kernel, because there may be no other stride.
-
-        Raises:
-            ConvergenceError: no stride meets the accuracy.
         """
         strides = self.strides(control)
-        if strides is not None and isinstance(control, _LEARNING) and strides.at_hand(1):
-            progress = self.progress(strides, control, phase, 0, 1, 1)
-            if progress is not None and progress.next_stride:
-                control.following = progress.following
-                return progress.next_stride, progress.after
-        return control.stride(phase, self)
+        if strides is None or not isinstance(control, _LEARNING) or not (strides.at_hand(1) and LONGEST.at_hand(1)):
+            return None
+        if not are_ready(self._plugins, (strides,), 1, 1):
+            return None
+        acting = self._inertia, self._held
+        found = strides.longest(acting, control.goal, control.learnt, phase, trials, self._effects)
+        if found is None:
+            return None
+        longest, control.learnt = found
+        control.following = control.learnt
+        return longest
 
     def pair(self, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:
         """Return the phase after a step of h s, and the embedded result of one order less."""
@@ -528,7 +528,13 @@ class Stepper:
 
     def fastest_rate(self, phase: PhaseState) -> float:
         """Return the largest rate (1/s) at which the load makes small differences of velocities decay, turn or grow."""
-        return 0.0 if self._load_from is None else fastest_rate(self._load_from(phase), self._inertia, phase)
+        if self._load_from is None:
+            return 0.0
+        if self._takes_numbers and RATES.at_hand(1) and are_ready(self._plugins, (RATES,), 1, 1):
+            found = fastest_rate_by_kernel((self._inertia, self._held), phase, self._effects)
+            if math.isfinite(found):
+                return found
+        return fastest_rate(self._load_from(phase), self._inertia, phase)
 
     def _arguments(
         self, phase: PhaseState, h: float

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.varying_load import LoadDependence
+from rb_dynamics.motion.adaptive_kernel import LONGER
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState
@@ -89,11 +90,14 @@ def longest_stride(control: StepControl, advance: Stepper, phase: PhaseState) ->
     Raises:
         ConvergenceError: no stride meets the accuracy.
     """
+    found = advance.longest_stride(control, phase, TRIALS)
+    if found is not None:
+        return found
     longest = 0.0
     for _ in range(TRIALS):
-        stride = advance.stride(control, phase)[0] / (control.denominator * NANOSECONDS)
+        stride = control.stride(phase, advance)[0] / (control.denominator * NANOSECONDS)
         control.begin()
-        if stride < 1.2 * longest:
+        if stride < LONGER * longest:
             break
         longest = stride
     return longest

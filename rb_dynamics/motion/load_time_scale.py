@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.loads.varying_load import Load
+from rb_dynamics.loads.varying_load import Load, evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, total
@@ -63,31 +64,52 @@ def fastest_rate(load: Load, inertia: Inertia, phase: PhaseState) -> float:
     Raises:
         ConvergenceError: the load is not known in `phase`.
     """
+    rates = [0.0] * 36
+    write_rates(load, inertia, phase, rates)
+    return largest_rate(rates)
+
+
+def largest_rate(rates: Any) -> float:
+    """Return the largest eigenvalue (1/s) of what `write_rates` has written; inf if that is not finite."""
     import numpy as np
 
-    (mass, moments), omega = inertia, phase.angular_velocity
-    velocity = scale(1.0 / mass, total(phase, MOMENTUM))
+    found = np.reshape(rates, (6, 6))
+    return float(abs(np.linalg.eigvals(found)).max()) if np.isfinite(found).all() else math.inf
 
-    def accelerations(velocity: Vector, omega: Vector) -> tuple[float, ...]:
-        force, torque = load(0.0, ZERO, velocity, phase.orientation, omega)
-        return *scale(1.0 / mass, force), *divide(torque, moments)
 
-    here, columns = accelerations(velocity, omega), []
+def write_rates(load: Load, inertia: Inertia, phase: PhaseState, rates: Any) -> None:
+    """Write the changes of the six accelerations with each of the six velocities to `rates`, row by row."""
+    q, w, v = phase.orientation, phase.angular_velocity, scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    here, now = _accelerations(load, inertia, q, v, w), (v[0], v[1], v[2], w[0], w[1], w[2])
     for k in range(6):
-        ahead = [*velocity, *omega]
-        before = ahead[k]
-        ahead[k] += _DIFFERENCE * (norm(velocity if k < 3 else omega) or 1.0)
-        there = accelerations((ahead[0], ahead[1], ahead[2]), (ahead[3], ahead[4], ahead[5]))
-        columns.append([(b - a) / (ahead[k] - before) for a, b in zip(here, there, strict=True)])
-    rates = np.array(columns)
-    return float(abs(np.linalg.eigvals(rates)).max()) if np.isfinite(rates).all() else math.inf
+        size = norm(v if k < 3 else w)
+        a = now[k] + _DIFFERENCE * (size if size > 0.0 else 1.0)
+        ahead = a if k == 0 else v[0], a if k == 1 else v[1], a if k == 2 else v[2]
+        spun = a if k == 3 else w[0], a if k == 4 else w[1], a if k == 5 else w[2]
+        there = _accelerations(load, inertia, q, ahead, spun)
+        for j in range(6):
+            rates[6 * k + j] = (there[j] - here[j]) / (a - now[k])
+
+
+def _accelerations(
+    load: Load, inertia: Inertia, orientation: Quaternion, velocity: Vector, omega: Vector
+) -> tuple[float, float, float, float, float, float]:
+    force, torque = evaluated(load, 0.0, ZERO, velocity, orientation, omega)
+    a, b = scale(1.0 / inertia.mass, force), divide(torque, inertia.moments)
+    return a[0], a[1], a[2], b[0], b[1], b[2]
 
 
 def _seen(
     load: Load, t: float, displacement: Vector, velocity: Vector, orientation: Quaternion, omega: Vector
 ) -> tuple[bool, Vector, Vector]:
-    """Return whether there is a load, force and torque. A kernel has its own version."""
+    """Return whether there is a load, a finite one, with force and torque. A kernel has its own version."""
     try:
-        return True, *load(t, displacement, velocity, orientation, omega)
+        push, twist = load(t, displacement, velocity, orientation, omega)
     except ConvergenceError:
         return False, ZERO, ZERO
+    return are_finite(push, twist), push, twist
+
+
+def are_finite(push: Vector, twist: Vector) -> bool:
+    """Return whether force and torque are."""
+    return math.isfinite((push[0] + push[1] + push[2]) + (twist[0] + twist[1] + twist[2]))

@@ -325,8 +325,8 @@ class AccuracyControl:
         """
         trials = _Trials(advance, self.embedded)
         goal = self.goal._replace(slowing=advance.slowing(phase))
-        known = self.guess(phase, advance)
-        known = known._replace(step=min(known.step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
+        step = self.learnt.step or advance.steady(phase, first_guess(self.goal, phase))
+        known = self.learnt._replace(step=min(step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
         length, after, learnt, error = by_trial(goal, known, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
@@ -343,10 +343,6 @@ class AccuracyControl:
         _require_reachable(lasting, phase, max(length, learnt.step * NANOSECONDS))
         self.following = learnt
         return length, after
-
-    def guess(self, phase: PhaseState, advance: Advance) -> Learnt:
-        """Return the learnt state, with a guess for the next stride from `phase` on."""
-        return self.learnt._replace(step=self.learnt.step or advance.steady(phase, first_guess(self.goal, phase)))
 
     def start(self, longest: float = math.inf) -> None:
         """Forget what applies only to the last arc: another wrench has other errors.

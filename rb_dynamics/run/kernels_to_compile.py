@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.motion import METHODS
-from rb_dynamics.motion.adaptive_kernel import strides_of
+from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES, strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import mover
 from rb_dynamics.motion.fixed_step_kernel import OnDemand, dense_kernel, gradual_kernel, kernel
@@ -26,7 +26,7 @@ def usual_kernels() -> dict[str, OnDemand]:
     under_effects = dict.fromkeys(CANDIDATES[LoadDependence.FIELD] + CANDIDATES[LoadDependence.ANY])
     of_methods += [each for name in under_effects for each in _of(METHODS[name], effects=True)]
     of_methods += [each for name in CANDIDATES[LoadDependence.STATES] for each in _with_wheels(METHODS[name])]
-    return _by_name([NO_STRIDES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
+    return _by_name([NO_STRIDES, LONGEST, RATES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
 
 
 def all_kernels() -> dict[str, OnDemand]:

@@ -183,8 +183,6 @@ class Plan:
 
     def _by_kernel(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         load_from, scales = arc.load
-        if scales.numbers:
-            arc.guess()
         arc_state, auto = arc.state, self._method is None
         closed, driven_by = isinstance(arc_state.control, WholeArc), self._choice.chosen
         if closed and not auto:

@@ -183,8 +183,8 @@ class SampleBuilder:
         """
         import numpy as np
 
-        stored: Any = None
-        if self._storing is not None:
+        stored = None if self._storing is None else self._effects.stored_at(phase.point(self._body))
+        if self._storing is not None and stored is None:
             momenta, energies = zip(*map(self._storing, self._points(phase)), strict=True)
             stored = Stored(cast("Vector", tuple(np.array(momenta).T)), cast("float", np.array(energies)))
         # An energy beyond the range of doubles becomes infinite, as elsewhere.

@@ -96,17 +96,24 @@ def test_force_and_torque_are_the_slope_of_the_potential(kind: str) -> None:
 def test_the_potential_at_many_points_is_that_at_each(kind: str) -> None:
     scene = shown(kind)
     effects = scene.combined_effects
-    potential = effects.potential()
-    if potential is None or not all(effect.takes_arrays for effect in scene.effects):
+    potential, storing = effects.potential(), effects.storing()
+    if not all(effect.takes_arrays for effect in scene.effects):
         return
     # At 1e150 m the sum of the squares of lengths is near the end of the range of doubles.
-    some = [point for _, point in zip(range(50), points(), strict=False)]
+    some = [point._replace(time=2.0 * k) for k, point in zip(range(50), points(), strict=False)]
     some += [point._replace(position=scale(size, point.position)) for point in some[:5] for size in (1e-3, 1e150)]
     time, *rows = zip(*some, strict=True)
     together = Point(np.array(time), *(tuple(np.array(row).T) for row in rows))  # type: ignore[arg-type]
-    found = effects.potentials(together)
-    assert found is not None
-    assert found.tolist() == [potential(point) for point in some]
+    if potential is not None:
+        found = effects.potentials(together)
+        assert found is not None
+        assert found.tolist() == [potential(point) for point in some]
+    if storing is not None:
+        stored, each = effects.stored_at(together), [storing(point) for point in some]
+        assert stored is not None
+        assert np.broadcast_to(stored.energy, len(some)).tolist() == [one.energy for one in each]
+        momenta = [np.broadcast_to(row, len(some)).tolist() for row in stored.momentum]
+        assert list(zip(*momenta, strict=True)) == [one.momentum for one in each]
 
 
 def test_a_potential_that_is_not_finite_somewhere_is_left_to_the_points() -> None:

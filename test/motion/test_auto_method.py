@@ -13,10 +13,13 @@ from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS, auto_method
+from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, COST_OF_A_STEP, cheapest, longest_stride
+from rb_dynamics.motion.load_time_scale import fastest_rate, steady_time
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, StepControl
+from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
@@ -24,6 +27,8 @@ from rb_dynamics.run.plan import Plan
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
+
+needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 DRIVEN = (
     "body: {mass: 2.5, center_of_mass: [0.1, -0.2, 0.3], "
@@ -198,6 +203,29 @@ def test_a_control_it_returns_knows_its_stride() -> None:
     found = longest_stride(control, stepper, start)
     first, _ = control.stride(start, stepper)
     assert first / NANOSECONDS == pytest.approx(found, rel=0.5)
+
+
+@needs_numba
+@pytest.mark.parametrize("takes", [LoadDependence.FIELD, LoadDependence.ANY])
+@pytest.mark.parametrize("name", ["rk4", "dop853"])
+def test_kernels_find_the_strides_and_rates_of_plain_python(
+    monkeypatch: pytest.MonkeyPatch, name: str, takes: LoadDependence
+) -> None:
+    in_plain: list[float] = []
+    for what in (steady_time, fastest_rate):
+        monkeypatch.setattr(f"rb_dynamics.motion.arc.{what.__name__}", lambda *of, f=what: in_plain.append(1) or f(*of))
+    found = []
+    for when in ("never", "always"):
+        monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+        run = Simulation(parse_scene(f"{DRIVEN}{EFFECTS[takes]}\nsolver: {{method: rk4, accuracy: 1.0e-9}}"))
+        stepper, control = run._arc._stepper(METHODS[name]), run.plan.control_of(METHODS[name])
+        for kernel in (stepper.strides(control), LONGEST, RATES):
+            assert kernel is not None
+            kernel.get(1, 1)
+        in_plain.clear()
+        found.append((longest_stride(control, stepper, run.phase), control.learnt, stepper.fastest_rate(run.phase)))
+        assert len(in_plain) == (2 if when == "never" else 0)
+    assert found[0] == found[1]
 
 
 MOVING = (
