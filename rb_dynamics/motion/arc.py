@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES, Progress, Strides, fastest_rate_by_kernel, strides_by
+from rb_dynamics.motion.adaptive_kernel import RATES, Progress, Strides, fastest_rate_by_kernel, strides_by
 from rb_dynamics.motion.array_steps import are_finite, steps_from
 from rb_dynamics.motion.fixed_step_kernel import LONGEST_STRETCH, gradual_kernel, kernel
 from rb_dynamics.motion.inner_states import StagedLoad, staged
@@ -458,7 +458,7 @@ class Stepper:
         This alone is no reason to compile a kernel, because there may be no other stride.
         """
         strides = self.strides(control)
-        if strides is None or not isinstance(control, _LEARNING) or not (strides.at_hand(1) and LONGEST.at_hand(1)):
+        if strides is None or not isinstance(control, _LEARNING) or not strides.at_hand(1):
             return None
         if not are_ready(self._plugins, (strides,), 1, 1):
             return None
@@ -530,7 +530,7 @@ class Stepper:
         """Return the largest rate (1/s) at which the load makes small differences of velocities decay, turn or grow."""
         if self._load_from is None:
             return 0.0
-        if self._takes_numbers and RATES.at_hand(1) and are_ready(self._plugins, (RATES,), 1, 1):
+        if self._takes_numbers and are_ready(self._plugins, (RATES,), 1, 1):
             found = fastest_rate_by_kernel((self._inertia, self._held), phase, self._effects)
             if math.isfinite(found):
                 return found
