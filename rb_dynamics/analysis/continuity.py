@@ -6,6 +6,7 @@ stamps continue.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,7 +88,8 @@ class Continuity:
 
     Attributes:
         jumps: in order of time.
-        turn: usual rotation between two samples, rad; from `FARTHEST` on, no rotation is called a jump.
+        turn: usual rotation between two samples by pose or rates, whichever is less, rad; from `FARTHEST` on, no
+            rotation is called a jump.
         returns: how often the pose returns, if it shows two bodies alternately.
         others: topics that show the same frame at another place.
         frozen: first and last stamp of each interval in which no bit of the pose changes although the body moves.
@@ -111,7 +113,7 @@ def continuity(track: Track) -> Continuity | None:
     turned = _changes(pose, turns=True)
     found = _jumps(track, pose.time_ns, turned, _LEAST_TURN, turns=True)
     turning = turned[turned > 0.0]
-    turn = float(np.median(turning)) if len(turning) else 0.0
+    turn = min(float(np.median(turning)) if len(turning) else 0.0, _turn_by_rates(track.twist, pose))
     del turned, turning
     placed = not np.isnan(extent)
     if placed:
@@ -127,6 +129,18 @@ def continuity(track: Track) -> Continuity | None:
         others=_others(track, extent if placed else 0.0),
         frozen=_frozen(track, found),
     )
+
+
+def _turn_by_rates(twist: TimeSeries | None, pose: TimeSeries) -> float:
+    """Return the usual rotation between two samples of a pose by the rates, rad; infinity where none are recorded.
+
+    A second body on the topic turns the pose from sample to sample, but not the body whose rates these are.
+    """
+    if twist is None:
+        return math.inf
+    rates = np.concatenate([np.linalg.norm(rows[:, 3:], axis=1) for rows in in_blocks(twist.values)])
+    rates = rates[rates > 0.0]
+    return float(np.median(rates) * np.median(np.diff(pose.time_ns))) * 1e-9 if len(rates) else math.inf
 
 
 def contradictions(series: TimeSeries, start_ns: int) -> str:

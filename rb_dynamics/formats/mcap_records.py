@@ -93,6 +93,8 @@ _HEADS = np.dtype(
         *(("log_time", "<u8"), ("publish_time", "<u8")),
     ]
 )
+# So many records one after the other are no accident.
+_ROW = 4
 # The number of messages put into blocks together, where they come one by one.
 _BLOCK_MESSAGES, _BLOCK_BYTES = 1024, 2**20
 # Chunks are processed together up to this size; as much of the next ones is read and unpacked meanwhile.
@@ -540,7 +542,7 @@ class McapFile:
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         """Yield the complete records, and the remains of a chunk that was cut off as `_CUT_CHUNK`."""
-        start = file.tell()
+        start, chunked = file.tell(), bool(self._chunks)
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
             start += _RECORD.size
@@ -550,16 +552,10 @@ class McapFile:
                 opcode, length = Opcode.CHUNK, inside
             # No record has opcode 0: a disk that lost its power leaves zeros.
             astray = opcode == 0 or length > size - start or (opcode == Opcode.FOOTER and length != _FOOTER.size)
-            if astray and self.salvage and (chunk := _next_chunk(file, start, size)) is not None:
-                self.damage.append(
-                    str(self._damage(f"has no record at {start - _RECORD.size}, and the next at {chunk}"))
-                )
-                gone = (times for place, times in self._chunks.items() if start - _RECORD.size <= place < chunk)
-                self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
-                start = file.seek(chunk)
+            chunked = chunked or opcode == Opcode.CHUNK
+            if astray and (following := self._after_damage(file, start, size, chunked)) is not None:
+                start = file.seek(following)
                 continue
-            if astray and not self.salvage and _has_end(file, start, size):
-                raise self._damage(f"has no record at {start - _RECORD.size}, but more after it")
             if opcode == 0:
                 return
             if astray:
@@ -577,6 +573,28 @@ class McapFile:
             else:
                 file.seek(length, os.SEEK_CUR)
             start += length
+
+    def _after_damage(self, file: BinaryIO, start: int, size: int, chunked: bool) -> int | None:
+        """Return where to go on, to salvage, behind a place that is no record's; None where nothing follows.
+
+        Raises:
+            LogError: the file was not cut off there, and is not to be salvaged.
+        """
+        place = start - _RECORD.size
+        if not self.salvage:
+            if _has_end(file, start, size):
+                raise self._damage(f"has no record at {place}, but more after it")
+            return None
+        following = _next_chunk(file, start, size)
+        if following is None and not chunked:
+            following = _next_records(file, start, size)
+        if following is not None:
+            self.damage.append(str(self._damage(f"has no record at {place}, and the next at {following}")))
+            gone = (times for at, times in self._chunks.items() if place <= at < following)
+            self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
+        elif _has_end(file, start, size):
+            self.damage.append(str(self._damage(f"has no record at {place}, but more after it")))
+        return following
 
     def _disguised_chunk(self, file: BinaryIO, start: int, size: int, opcode: int, length: int) -> int | None:
         """Return the length of a whole chunk from `start` on, if the record there says that it is something else.
@@ -647,7 +665,11 @@ class McapFile:
         channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         channel = self.channels.get(channel_id)
         if channel is None:
-            raise self._damage(f"has a message on channel {channel_id}, which it does not declare")
+            damage = self._damage(f"has a message on channel {channel_id}, which it does not declare")
+            if not self.salvage:
+                raise damage
+            self.damage += [str(damage)] if str(damage) not in self.damage[-1:] else []
+            return None
         if log_time >= _END_OF_TIME or publish_time >= _END_OF_TIME:
             damage = self._damage(
                 f"has a message on {channel.topic} of log time {log_time} ns and publish time {publish_time} ns, "
@@ -803,6 +825,40 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
         at += len(part)
     file.seek(start)
     return found
+
+
+def _next_records(file: BinaryIO, start: int, size: int) -> int | None:
+    """Return where the next of several records in a row begins, of known kinds; None if there is none.
+
+    Does not move the position in the file.
+    """
+    found, at = None, start
+    while found is None and at < size:
+        file.seek(at)
+        part = file.read(2**20)
+        raw = np.frombuffer(part, np.uint8)
+        # Of a record that is neither huge nor of another kind; few other bytes look like it.
+        likely = (raw[:-8] > 0) & (raw[:-8] <= max(Opcode)) & (raw[6:-2] == 0) & (raw[7:-1] == 0) & (raw[8:] == 0)
+        for place in np.flatnonzero(likely).tolist():
+            if _in_a_row(file, at + place, size):
+                found = at + place
+                break
+        at += max(len(part) - 8, 1)
+    file.seek(start)
+    return found
+
+
+def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:
+    """Return whether `_ROW` records of known kinds follow each other from here on, or all up to the end."""
+    for _ in range(_ROW):
+        file.seek(at)
+        opcode, length = _RECORD.unpack(file.read(_RECORD.size)) if size - at >= _RECORD.size else (0, 0)
+        at += _RECORD.size + length
+        if not 0 < opcode <= max(Opcode) or at > size:
+            return False
+        if opcode == Opcode.FOOTER:
+            return length == _FOOTER.size and at == size - len(MAGIC)
+    return True
 
 
 def _chunk_length(head: bytes) -> int | None:

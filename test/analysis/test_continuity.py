@@ -137,6 +137,14 @@ def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> 
     assert "by 5" in detail
 
 
+def test_a_second_body_that_lies_otherwise_is_no_turning() -> None:
+    """It makes the usual rotation between two samples, in which nothing would be a jump; the rates know better."""
+    motion = spin(noise=1e-3)
+    motion.position[::3] += (3.0, 0.0, 0.0)
+    motion.orientation_xyzw[::3] = motion.turned(1.06)[::3]
+    assert "position jumps away and back" in failing(bag_of(motion, with_twist=True))[JUMPS]
+
+
 @pytest.mark.parametrize("turn", [1.5, np.pi, 2.0])
 @pytest.mark.parametrize("by_turns", [True, False])
 def test_two_attitudes_on_one_topic_are_two_bodies(turn: float, by_turns: bool) -> None:

@@ -164,6 +164,31 @@ def test_a_flip_in_the_head_of_a_chunk_costs_no_message_and_is_not_said_to_be_a_
     assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
 
 
+@pytest.mark.parametrize(
+    ("place", "mask", "lost"), [(1, 1, 1), (2, 1, 1), (4, 2, 1), (8, 64, 1), (0, 1, 1), (9, 64, 1)]
+)
+def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, place: int, mask: int) -> None:
+    """Opcode, length (small, large, beyond the file) and channel of a message of a file without chunks."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(300)]
+    log = write_rows(tmp_path / "a.mcap", rows, use_chunking=False)
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    at, places = 8, []
+    while at + 9 < len(data):
+        found, length = struct.unpack_from("<BQ", data, at)
+        places += [at] * (found == Opcode.MESSAGE)
+        at += 9 + length
+    data[places[100] + place] ^= mask
+    log.write_bytes(data)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    kept = [each for each in read_bag(tmp_path / "saved.mcap").wrenches("/w") if each in expected]
+    # A length that is 256 too large hides those behind it.
+    assert len(kept) >= 300 - 4
+    assert saved.file.end_ns == 299
+    with pytest.raises(LogError, match="is damaged"):
+        read_bag(log)
+
+
 def test_a_finished_file_of_which_nothing_can_be_read_is_not_copied(tmp_path: Path) -> None:
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
     log = write_rows(tmp_path / "a.mcap", rows, compression=CompressionType.ZSTD)
