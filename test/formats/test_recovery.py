@@ -164,9 +164,7 @@ def test_a_flip_in_the_head_of_a_chunk_costs_no_message_and_is_not_said_to_be_a_
     assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
 
 
-@pytest.mark.parametrize(
-    ("place", "mask", "lost"), [(1, 1, 1), (2, 1, 1), (4, 2, 1), (8, 64, 1), (0, 1, 1), (9, 64, 1)]
-)
+@pytest.mark.parametrize(("place", "mask"), [(0, 1), (1, 1), (2, 1), (4, 2), (8, 64), (9, 64)])
 def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, place: int, mask: int) -> None:
     """Opcode, length (small, large, beyond the file) and channel of a message of a file without chunks."""
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(300)]
