@@ -253,7 +253,7 @@ def require_contained(effects: Sequence[Effect], body: RigidBody) -> None:
         raise SceneError("reaction_wheel: the body is a particle, expected one with inertia; add body.inertia")
     rotors = [each.spin(body, 0.0) for each in effects if isinstance(each, Rotor)]
     # As in `check`; with room for rounding.
-    whole = sum([wheel.inertia for wheel in wheels]) + sum([rotor.inertia for rotor in rotors])
+    whole = math.fsum([*(wheel.inertia for wheel in wheels), *(rotor.inertia for rotor in rotors)])
     if whole < (1.0 - 2.0 * _LEFT_OVER) * min(body.principal_moments):
         return
     inner = [(wheel.axis_in(body), wheel.inertia) for wheel in wheels]

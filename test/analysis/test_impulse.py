@@ -125,8 +125,8 @@ def test_error_of_the_quadrature_is_honest_and_of_fourth_order(flown: Any) -> No
 def test_samples_too_far_apart_are_not_judged(flight: Any) -> None:
     balance = named(track_of(flight), "angular momentum", bound=1e-14)
     assert 0.0 < balance.covered < 1.0
-    known = f"known for {100.0 * balance.covered:.3g} % of the time; elsewhere a torque acts in body axes or none is"
-    assert f"{known} logged, and the samples do not give its impulse" in balance.basis
+    known = f"known for {100.0 * balance.covered:.3g} % of the time; elsewhere the torque is not known, or acts in body"
+    assert f"{known} axes and the samples do not give its impulse" in balance.basis
     # From 0.5 s to the timeout at 1.05 s torques act, and so in the intervals with these ends.
     assert balance.covered == pytest.approx(1.0 - 0.56 / 3.0, abs=0.01)
     held = (balance.time_ns > 520_000_000) & (balance.time_ns < 1_040_000_000)

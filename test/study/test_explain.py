@@ -263,9 +263,8 @@ def test_a_scene_without_end_whose_first_output_is_hours_away() -> None:
     assert explain(parse_scene(RIGID + "wrenches: []\noutput_rate: 1.0e-4"), budget=60.0).trial_s == 3600.0
 
 
-@pytest.mark.parametrize("duration", [0.0, 1e-10])
-def test_a_scene_that_is_over_at_once_is_refused(duration: float) -> None:
-    scene = replace(parse_scene(RIGID + "wrenches: []"), duration=duration)
+def test_a_scene_that_is_over_at_once_is_refused() -> None:
+    scene = replace(parse_scene(RIGID + "wrenches: []"), duration=0.0)
     with pytest.raises(SceneError, match=r"duration: found .* expected a motion to measure"):
         explain(scene)
 

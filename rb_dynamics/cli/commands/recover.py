@@ -30,9 +30,8 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.numerics.nanoseconds import seconds_text
 
     saved = recover(Path(args.source), Path(args.target))
-    lost = (begin_ns for each in saved for begin_ns, _ in each.missing)
     starts = (each.file.start_ns for each in saved if each.file.counts.total())
-    start_ns = min(starts, default=min(lost, default=0))
+    start_ns = min(starts, default=0)
     within = False
     for number, each in enumerate(saved, 1):
         file = each.file
@@ -48,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
         if each.next_file not in ("", following):
             print(f"  the next file, {each.next_file}, is missing")
             within = within or bool(following)
-    told = "first message" if any(each.file.counts.total() for each in saved) else "first that is missing"
-    since = f"; t counts from the {told}, log time {seconds_text(start_ns)} s" if start_ns else ""
+    since = f"; t counts from the first message, log time {seconds_text(start_ns)} s" if start_ns else ""
     print(f"wrote {args.target}{since}")
     return 1 if within or any(each.damage for each in saved) else 0

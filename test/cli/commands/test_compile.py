@@ -32,7 +32,9 @@ def test_compiles_what_it_is_told(
     assert main(["compile", "_no_strides"]) == 0
     assert "was there" in capsys.readouterr().out
     assert main(["compile", "_nothing"]) == 2
-    assert "found kernels ['_nothing'], expected some of _no_strides, propagate" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "found kernels ['_nothing'], expected some of _no_strides, " in error
+    assert ", propagate, " in error
 
 
 def test_each_kernel_has_its_own_name() -> None:

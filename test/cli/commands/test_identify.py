@@ -74,10 +74,7 @@ def test_a_topic_that_is_not_there_is_code_2(option: str, capsys: pytest.Capture
     [
         (["--fit", "inertias"], "did you mean inertia"),
         (["--fit", "effects[0].rotation"], "it has none"),
-        (
-            ["--set", "effects=[{type: central_gravity, gravitational_parameter: 1.0, center_world: [9, 0, 0]}]"],
-            "central_gravity",
-        ),
+        (["--set", "wrenches=[{topic: push, lag: 0.5}]"], "found a lag of push"),
         (["--starts", "0"], "whole number of at least 1"),
         (["--columns", "gyro"], "--columns: found 'gyro', expected QUANTITY=NAMES"),
     ],
