@@ -136,7 +136,7 @@ def _turn_by_rates(twist: TimeSeries | None, pose: TimeSeries) -> float:
 
     A second body on the topic turns the pose from sample to sample, but not the body whose rates these are.
     """
-    if twist is None:
+    if twist is None or not len(twist.values):
         return math.inf
     rates = np.concatenate([np.linalg.norm(rows[:, 3:], axis=1) for rows in in_blocks(twist.values)])
     rates = rates[rates > 0.0]

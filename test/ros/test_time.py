@@ -42,6 +42,8 @@ class ClockHand:
     def __init__(self, peer: Peer) -> None:
         self.peer, self.publisher = peer, peer.node.create_publisher(Clock, "/clock", 10)
         peer.until(lambda: self.publisher.get_subscription_count() > 0, "a reader of /clock")
+        # The reader may learn of the publisher a moment later, and /clock is best effort.
+        peer.spin(0.5)
 
     def show(self, time_ns: int) -> None:
         message = Clock()
