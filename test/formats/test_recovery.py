@@ -23,6 +23,16 @@ pytest.importorskip("mcap")
 from mcap.writer import CompressionType
 
 
+def _places(data: bytes, opcode: int) -> list[int]:
+    """Return where the records of a kind begin in a file."""
+    at, places = 8, list[int]()
+    while at + 9 < len(data):
+        found, length = struct.unpack_from("<BQ", data, at)
+        places += [at] * (found == opcode)
+        at += 9 + length
+    return places
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
 def test_a_chunk_that_was_cut_gives_the_messages_before_its_end(tmp_path: Path, compression: CompressionType) -> None:
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(10_000)]
@@ -148,11 +158,7 @@ def test_a_flip_in_the_head_of_a_chunk_costs_no_message_and_is_not_said_to_be_a_
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(2000)]
     log = write_rows(tmp_path / "a.mcap", rows, chunk_size=250_000 // chunks, compression=compression)
     data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
-    at, places = 8, []
-    while at + 9 < len(data):
-        found, length = struct.unpack_from("<BQ", data, at)
-        places += [at] * (found == Opcode.CHUNK)
-        at += 9 + length
+    places = _places(data, Opcode.CHUNK)
     assert len(places) >= chunks
     place, mask = flip
     data[places[len(places) // 2] + place] ^= mask
@@ -170,11 +176,7 @@ def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, pl
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(300)]
     log = write_rows(tmp_path / "a.mcap", rows, use_chunking=False)
     data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
-    at, places = 8, []
-    while at + 9 < len(data):
-        found, length = struct.unpack_from("<BQ", data, at)
-        places += [at] * (found == Opcode.MESSAGE)
-        at += 9 + length
+    places = _places(data, Opcode.MESSAGE)
     data[places[100] + place] ^= mask
     log.write_bytes(data)
     (saved,) = recover(log, tmp_path / "saved.mcap")
