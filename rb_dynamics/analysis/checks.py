@@ -14,11 +14,11 @@ from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, c
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement
-from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.own_log import logged_scene
+from rb_dynamics.logs.stamp_order import standing
 
 BOUND = 1e-6
 """Default of the largest accepted defect, relative to the largest energy or momentum."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.analysis.stamp_order import standing
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.logs.stamp_order import standing
 
 # The transport delay, by which stamps and log times may differ, changes by less than this; s.
 _UNDER_WAY = 0.1

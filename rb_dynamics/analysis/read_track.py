@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.spikes import without_spikes
-from rb_dynamics.analysis.stamp_order import disorder, standing
 from rb_dynamics.analysis.track import (
     LARGEST,
     Array,
@@ -44,6 +43,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
+from rb_dynamics.logs.stamp_order import disorder, standing
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all

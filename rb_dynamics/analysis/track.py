@@ -9,11 +9,11 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.stamp_order import Disorder, hangs, standing
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import SET_STATE
+from rb_dynamics.logs.stamp_order import Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 

@@ -38,6 +38,17 @@ CHECKPOINT = "rb_dynamics.checkpoint"
 EPOCH = "rb_dynamics.epoch"
 """Name of the metadata with the ROS time of simulation time 0, where messages are stamped with ROS time."""
 
+MERGED = "rb_dynamics.merged"
+"""Name of the metadata of a bag that was made of others, or of a part of one."""
+
+SIMULATION_TIME = {"log_time": "simulation"}
+"""In it, if it has no messages but those of logs of this package."""
+
+
+def in_simulation_time(metadata: Mapping[str, Mapping[str, str]]) -> bool:
+    """Return whether the log time of each command is when it took effect in a run, whatever its stamp."""
+    return RUN in metadata or metadata.get(MERGED, {}).items() >= SIMULATION_TIME.items()
+
 
 def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:
     """Return the file of a bag that follows the one with this metadata; "" if it is the last or does not say."""

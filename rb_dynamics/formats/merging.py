@@ -16,15 +16,21 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
-from rb_dynamics.formats.log_metadata import RUN, SCENE, loss, version
+from rb_dynamics.formats.log_metadata import (
+    MERGED,
+    RUN,
+    SCENE,
+    SIMULATION_TIME,
+    in_simulation_time,
+    loss,
+    version,
+)
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
-
-MERGED = "rb_dynamics.merged"
 
 # Messages that hold from whenever they were sent, and belong to every part, like latched ones.
 _FIXED = "tf_static"
@@ -92,8 +98,10 @@ def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) 
                 found.notes.append(f"{source.path} {lost}.")
         if not found.messages:
             raise LogError(f"{target}: found no message to write, expected some; give other times, or another bag")
-        told = {MERGED: {"sources": ", ".join(source.path.name for source in sources)}}
-        copy.finish((), _scenes(sources), told)
+        told = {"sources": ", ".join(source.path.name for source in sources)}
+        if all(in_simulation_time(source.metadata) for source in sources):
+            told |= SIMULATION_TIME
+        copy.finish((), _scenes(sources), {MERGED: told})
     if unknown:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(unknown.items()))
         found.notes.append(f"Left out, as the bag does not define their types: {listed}.")

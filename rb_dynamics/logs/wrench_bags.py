@@ -20,7 +20,7 @@ import numpy as np
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, next_file
+from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, in_simulation_time, next_file
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
@@ -28,10 +28,11 @@ from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch
-from rb_dynamics.logs.bag_reader import WRENCHES, named_type
+from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
 from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
+from rb_dynamics.logs.stamp_order import disorder
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 
 _logger = logging.getLogger(__name__)
@@ -142,7 +143,7 @@ class _Recording:
         acting: those within that can be honoured.
         refused: why the first that cannot be honoured cannot.
         lost: what is missing of the bag; "" if it is whole.
-        ours: a log of a run.
+        ours: a log of a run, or made of such logs: log times say when commands took effect.
         origin: of such a log, the bags that its own commands came from: name and time 0 of each.
         driven: of such a log, the channel that each topic of those drove.
         moves: states in it to which the body was moved from outside.
@@ -340,8 +341,8 @@ class RecordedWrenches:
             actuators: topics of the commands to the scene's actuators, of type Float64.
 
         Raises:
-            LogError: a bag cannot be read or is damaged, `mapping` names what is not there, or none of a bag's topics
-                is one of `topics` or `actuators`.
+            LogError: a bag cannot be read or is damaged or has commands of several runs, `mapping` names what is not
+                there, or none of a bag's topics is one of `topics` or `actuators`.
         """
         self._topics, self._commanded = topics, actuators
         self._take(mapping or {})
@@ -377,10 +378,10 @@ class RecordedWrenches:
             self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
         ]
         self.notes += (
-            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; of "
-            "several runs in one bag the commands are mixed, as they act in the order of their stamps"
+            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; they "
+            "act in the order of their stamps"
             for bag in self._bags
-            if bag.back_ns > _BACK_NS and not bag.by_log
+            if bag.back_ns > _BACK_NS and not bag.by_log and self._one_run(bag)
         )
         self.notes += (
             f"{bag.path}: {bag.still} of its {bag.count} commands have the stamp of the one before on their channel: "
@@ -585,10 +586,38 @@ class RecordedWrenches:
                 bag.drives_nothing.add(channel.topic)
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
-        bag.ours = RUN in source.metadata
+        bag.ours = in_simulation_time(source.metadata)
         bag.origin = list(origin_of(source.metadata).items())
         bag.driven = driven_of(source.metadata)
         return bag
+
+    def _one_run(self, bag: _Recording) -> bool:
+        """Return that its commands are of one run: none of its channels begins again.
+
+        Raises:
+            LogError: one does.
+        """
+        stamped: dict[int, list[tuple[Times, Times]]] = {}
+        zeros_ns: dict[bool, int] = {}
+        for block in open_source(bag.path).blocks():
+            kind, moves = named_type(block.channel), named_type(block.channel) in {*POSES, *TWISTS, *IMUS}
+            zeros_ns[moves] = min(zeros_ns.get(moves, 2**63), int(block.log_times.min()))
+            if kind == WRENCH and block.channel.topic.removeprefix("/") in self._wanted:
+                stamped.setdefault(id(block.channel), []).append(_stamped(block, kind))
+        for blocks in stamped.values():
+            log_times, stamps = map(np.concatenate, zip(*blocks, strict=True))
+            found = disorder(stamps)
+            if found is not None and found.restarts:
+                end_ns, begin_ns = found.restarts[0]
+                of_next = np.flatnonzero(stamps == begin_ns)
+                row = of_next[of_next > np.flatnonzero(stamps == end_ns)[0]][0]
+                at_s = (int(log_times[row]) - zeros_ns.get(True, zeros_ns[False])) / _NANOSECONDS
+                raise LogError(
+                    f"{bag.path}: the stamps of its commands begin again, {_seconds(begin_ns)} s after "
+                    f"{_seconds(end_ns)} s, expected those of one run, as they would act together; cut one out: "
+                    f"convert {bag.path} part.mcap --to {at_s - 1e-6:.6f}, or --from {at_s:.6f}"
+                )
+        return True
 
     def _count(self, bag: _Recording, batch: _Batch) -> None:
         bag.count += len(batch.stamps)

@@ -19,7 +19,7 @@ import numpy as np
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.log_metadata import RESULT, RUN, loss
+from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, loss
 from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.output_file import require_other
 from rb_dynamics.formats.yaml import document
@@ -132,7 +132,14 @@ class _Part:
         self.path, self.messages = path, list(source.messages())
         self.scene, self.names = scene_and_names(source, "made one with others", {})
         self.begin_ns = self.scene.past.length_ns if self.scene.past else 0
+        self.in_ros_time = EPOCH in source.metadata
         self.end_ns = self.scene.end_ns or int(source.metadata.get(RESULT, {}).get("end_time_ns", "0"))
+
+    def in_whole(self, wrench: Wrench) -> Wrench:
+        """Return a command with its stamp in the whole run, unless it is ROS time, which goes on."""
+        if not self.begin_ns or self.in_ros_time:
+            return wrench
+        return Wrench(wrench.force, wrench.torque, wrench.frame_id, wrench.stamp_ns + self.begin_ns)
 
     def samples(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield time (ns of the whole run) and numbers of each sample."""
@@ -179,7 +186,7 @@ def whole_run(logs: Sequence[Path], target: Path) -> int | None:
         for topic, wrench, at in received_commands(part.scene, part.names, iter(part.messages)):
             if part.begin_ns + at < end_ns or part is last:
                 with contextlib.suppress(WrenchError):
-                    run.post(topic, wrench, part.begin_ns + at)
+                    run.post(topic, part.in_whole(wrench), part.begin_ns + at)
     try:
         run.advance(ends_ns[-1])
     finally:

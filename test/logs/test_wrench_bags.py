@@ -197,13 +197,17 @@ def test_a_stamp_that_nobody_set_does_not_say_that_the_others_lie_within_the_run
     assert ([wrench.stamp_ns for _, wrench in of_a_run], of_a_run.notes) == ([0, SECOND, 2 * SECOND], [])
 
 
-def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
-    """A simulation that was started anew while it was recorded: its runs were mixed without a word."""
+def test_of_a_recording_of_two_runs_one_can_be_cut_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A simulation that was started anew while it was recorded: a flight of both was made with a note alone."""
     stamps = [k * SECOND // 2 for k in (*range(8), *range(1, 9))]
     rows: list[Row] = [("/wrench", STAMPED, k * SECOND, stamped(at, 1.0)) for k, at in enumerate(stamps)]
     bag = write_rows(tmp_path / "a.mcap", rows)
-    (told,) = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto").notes
-    assert "the stamps of its commands go back by 3 s" in told
+    with pytest.raises(LogError, match=r"begin again, 0.5 s after 3.5 s.*--to 7.999999, or --from 8.000000$"):
+        RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="auto")
+    for cut, times in ((["--to", "7.999999"], stamps[:8]), (["--from", "8.000000"], stamps[8:])):
+        assert main(["convert", str(bag), str(tmp_path / "part.mcap"), *cut]) == 0
+        found = RecordedWrenches([tmp_path / "part.mcap"], ["wrench"], 10 * SECOND, start="auto")
+        assert ([wrench.stamp_ns for _, wrench in found], found.notes) == (times, [])
     (failed,) = (check for check in inspect(bag).summary.checks if not check.passed)
     assert failed.name == "/wrench is one stream"
     assert "stamps begin again after t = 3.5 s at 0.5 s: two runs in one file" in failed.detail
@@ -213,6 +217,9 @@ def test_stamps_that_begin_again_are_named(tmp_path: Path) -> None:
     rows += [("/other", STAMPED, k, stamped(k * SECOND // 2, 1.0)) for k in range(7)]
     bag = write_rows(tmp_path / "b.mcap", rows)
     assert not RecordedWrenches([bag], ["wrench", "other"], 10 * SECOND, start="stamp").notes
+    rows = [("/wrench", STAMPED, k, stamped(at * SECOND, 1.0)) for k, at in enumerate((0, 1, 7, 2, 3, 4))]
+    (told,) = RecordedWrenches([write_rows(tmp_path / "c.mcap", rows)], ["wrench"], 10 * SECOND).notes
+    assert "the stamps of its commands go back by 5 s" in told
 
 
 def test_of_a_log_commands_act_as_they_did_and_not_by_their_stamps(tmp_path: Path) -> None:
@@ -226,8 +233,12 @@ def test_of_a_log_commands_act_as_they_did_and_not_by_their_stamps(tmp_path: Pat
         run.post("wrench", Wrench(force=(1.0, 0.0, 0.0), stamp_ns=stamp_ns * SECOND), at * SECOND)
     run.advance(5 * SECOND)
     run.finish()
-    found = RecordedWrenches([log], ["wrench"], 5 * SECOND, start=0)
-    assert ([wrench.stamp_ns for _, wrench in found], found.notes) == ([SECOND, 2 * SECOND, 3 * SECOND], [])
+    part, again = tmp_path / "part.mcap", tmp_path / "again.mcap"
+    assert main(["convert", str(log), str(part), "--to", "4"]) == 0
+    assert main(["convert", str(part), str(again), "--to", "3.5"]) == 0
+    for path in (log, part, again):
+        found = RecordedWrenches([path], ["wrench"], 5 * SECOND, start="auto")
+        assert ([wrench.stamp_ns for _, wrench in found], found.notes) == ([SECOND, 2 * SECOND, 3 * SECOND], [])
 
 
 def test_commands_of_two_clocks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,6 +115,10 @@ def test_the_logs_of_both_become_that_of_the_whole_run(
     assert main(["replay", str(whole)]) == 0
     compared = rb.compare(flight.log, whole)
     assert (compared.first_ns, compared.commands, compared.samples) == (None, [], 151)
+    # Its commands are those of one run for any reader: those of the parts had their stamps from the start of each.
+    wrenches = [read_bag(log).wrenches("/thrust") for log in (flight.log, whole)]
+    assert wrenches[0] == wrenches[1]
+    assert all(at_ns == wrench.stamp_ns for at_ns, wrench in wrenches[1])
 
 
 def test_another_flight_is_no_part_of_the_run(

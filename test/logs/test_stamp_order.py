@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rb_dynamics.analysis.stamp_order import Disorder, disorder
+from rb_dynamics.logs.stamp_order import Disorder, disorder
 
 EVERY = 10_000_000
 COUNT = 400
