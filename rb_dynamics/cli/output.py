@@ -202,6 +202,12 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     """Warn on stderr of commands before the start of the run, and after its end."""
     if commands.superseded:
         print(f"warning: {commands.superseded_words}", file=sys.stderr)
+    if commands.prolonged and scene.past is None:
+        print(
+            f"warning: {', '.join(commands.prolonged)}: the last command before time 0 acts for the whole timeout from "
+            "there on, and not from its own time; let the run begin with it by --wrench-start first, or between two",
+            file=sys.stderr,
+        )
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
         clocks = (

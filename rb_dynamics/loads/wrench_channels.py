@@ -373,6 +373,11 @@ class WrenchChannels:
         """Return the number of the channel `topic` in the order of the scene; None if there is none."""
         return self._index.get(topic.lstrip("/"))
 
+    def life_ns(self, channel: int) -> float:
+        """Return the time (ns) after which a command on a channel, by its number, has ended; infinite if it holds."""
+        timeout_ns = self._timeout_ns[channel]
+        return self._delay_ns[channel] + timeout_ns if timeout_ns else math.inf
+
     def check(self, topic: str, wrench: Wrench) -> CheckedWrench:
         """Return the command after the checks of the channel `topic`, without applying it.
 

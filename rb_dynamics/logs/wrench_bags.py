@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
@@ -139,6 +140,7 @@ class _Recording:
         bare_times: log times of commands without stamps, of either kind, by topic.
         within: commands between start and end of the run.
         early: commands before its start, on each channel: the last acts from the start on, unless another is there.
+        expired: commands whose timeout ends before the start, on each channel.
         prompt: channels that have a command at the start.
         acting: those within that can be honoured.
         refused: why the first that cannot be honoured cannot.
@@ -175,6 +177,7 @@ class _Recording:
     bare_times: dict[str, list[Times]] = field(default_factory=dict)
     within: int = 0
     early: Counter[int] = field(default_factory=Counter)
+    expired: Counter[int] = field(default_factory=Counter)
     prompt: set[int] = field(default_factory=set)
     acting: int = 0
     refused: str = ""
@@ -311,6 +314,7 @@ class RecordedWrenches:
         first_ns: the earliest time; None if there is no command.
         late: how many lie after `end_ns`.
         superseded: how many lie before time 0 and do not act, as another of their channel follows by then.
+        prolonged: channels with a timeout, of which a command before time 0 still acts then.
         two_clocks: whether a bag with commands within the run has others of another clock.
         notes: what a person should know of how the bags were read, one line each.
         facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
@@ -399,10 +403,20 @@ class RecordedWrenches:
         )
         spans = [(bag, bag.span.first_ns) for bag in self._bags]
         self.first_ns = min((first - bag.offset_ns for bag, first in spans if first is not None), default=None)
-        self.late = sum(bag.count - bag.within - bag.early.total() for bag in self._bags)
-        early, prompt = Counter[int](), set[int]().union(*(bag.prompt for bag in self._bags))
+        self.late = sum(bag.count - bag.within - bag.early.total() - bag.expired.total() for bag in self._bags)
+        early, expired, prompt = Counter[int](), Counter[int](), set[int]().union(*(bag.prompt for bag in self._bags))
         for bag in self._bags:
             early.update(bag.early)
+            expired.update(bag.expired)
+        self.notes += (
+            f"{topics[channel]}: {count} commands before time 0 never act, as their timeout ends before it"
+            for channel, count in sorted(expired.items())
+        )
+        self.prolonged = [
+            topics[channel]
+            for channel in sorted({*early} - prompt)
+            if channels is not None and channels.life_ns(channel) < math.inf
+        ]
         self.superseded = sum(count - (channel not in prompt) for channel, count in early.items())
         came = [(bag.path.name, bag.offset_ns) for bag in self._bags]
         came += [(name, start_ns + bag.offset_ns) for bag in self._bags for name, start_ns in bag.origin]
@@ -632,7 +646,9 @@ class RecordedWrenches:
         times = commands.time_ns
         within = (times >= 0) & (times <= self._end_ns)
         bag.within += int(within.sum())
-        bag.early.update(commands.channel[times < 0].tolist())
+        expired = self._expired(commands)
+        bag.expired.update(commands.channel[expired].tolist())
+        bag.early.update(commands.channel[(times < 0) & ~expired].tolist())
         bag.prompt.update(commands.channel[times == 0].tolist())
         # A command at the very end has no time to act.
         bag.acting += int((within & (times < self._end_ns)).sum())
@@ -647,6 +663,14 @@ class RecordedWrenches:
             except WrenchError as error:
                 bag.acting -= 0 <= wrench.stamp_ns < self._end_ns
                 bag.refused = bag.refused or str(error)
+
+    def _expired(self, commands: CommandBatch) -> NDArray[np.bool_]:
+        """Return which commands have ended before time 0 by the timeouts of their channels."""
+        if self._channels is None:
+            return np.zeros(len(commands.time_ns), dtype=bool)
+        life_ns = np.array([self._channels.life_ns(channel) for channel in range(len(self._topics))])
+        found: NDArray[np.bool_] = commands.time_ns + life_ns[commands.channel] <= 0
+        return found
 
     def _require_topics(self) -> None:
         """Refuse bags without what they are given for.
@@ -740,7 +764,7 @@ class RecordedWrenches:
             if kind in WRENCHES and topic is not None:
                 commands = _batch(source, bag, block, kind, self._topics.index(topic), (number, chunk)).commands
                 newest_ns = max(newest_ns, int(commands.time_ns.max()))
-                yield commands, newest_ns - bag.span.delay_ns
+                yield commands.some(np.flatnonzero(~self._expired(commands))), newest_ns - bag.span.delay_ns
 
 
 class _Batch(NamedTuple):

@@ -222,6 +222,31 @@ def test_of_a_recording_of_two_runs_one_can_be_cut_out(tmp_path: Path, capsys: p
     assert "the stamps of its commands go back by 5 s" in told
 
 
+def test_a_command_whose_timeout_ends_before_the_run_does_not_act(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A stamp far before the bag acted at time 0 in a run, and had expired in `inspect`."""
+    text = (
+        "body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\n"
+        "wrenches: [{topic: wrench, timeout: 0.5, delay: 0.25}]\nduration: 3\n"
+    )
+    (tmp_path / "a.yaml").write_text(text)
+    ends = {}
+    for begin_s in (-1.0, -0.5):
+        rows: list[Row] = [
+            ("/wrench", STAMPED, int((10 + at) * SECOND), stamped(int((10 + at) * SECOND), 1.0)) for at in (begin_s, 2)
+        ]
+        bag = write_rows(tmp_path / f"{begin_s}.mcap", rows)
+        arguments = ["simulate", str(tmp_path / "a.yaml"), "--wrench", str(bag), "--wrench-start", "10", "--json"]
+        assert main(arguments) == 0
+        captured = capsys.readouterr()
+        ends[begin_s] = json.loads(captured.out)["linear_momentum_world"][0], captured.err
+    assert ends[-1.0][0] == pytest.approx(0.5)
+    assert "wrench: 1 commands before time 0 never act, as their timeout ends before it" in ends[-1.0][1]
+    assert ends[-0.5][0] == pytest.approx(1.0)
+    assert "wrench: the last command before time 0 acts for the whole timeout from there on" in ends[-0.5][1]
+
+
 def test_of_a_log_commands_act_as_they_did_and_not_by_their_stamps(tmp_path: Path) -> None:
     """They were said to be mixed, in the order of their stamps."""
     scene = parse_scene("body: {mass: 1}\nwrenches: [{topic: wrench}]\nduration: 5\n")
