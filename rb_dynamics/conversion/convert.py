@@ -14,7 +14,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -63,7 +62,7 @@ from rb_dynamics.logs.own_log import (
     scene_and_names,
 )
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
+from rb_dynamics.numerics.number_parsing import real_number, time_in_ns
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.run.sample import unit_of
 from rb_dynamics.run.sink import RunInfo, Sample
@@ -477,10 +476,10 @@ def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
             numbers = (_SETPOINT,) if _SETPOINT in found else _NUMBERS
             missing = [name for name in numbers if name not in found]
             if missing or not set(_TIMES) & set(found):
-                wanted = ", ".join(("time_ns or time_s", *numbers))
                 raise LogError(
-                    f"{table}: the columns are {list(found)}, expected {wanted}, and topic, frame_id if need be; "
-                    "name them so, separated by commas"
+                    f"{table}: the columns are {list(found)}, expected time_ns or time_s, and of wrenches "
+                    f"{', '.join(_NUMBERS)}, with topic and frame_id if need be, of commands to actuators topic and "
+                    f"{_SETPOINT}; name them so, separated by commas"
                 )
             twice = [name for name in (*numbers, *_TIMES, "topic", "frame_id") if found.count(name) > 1]
             if twice or set(found) >= set(_TIMES):
@@ -519,11 +518,9 @@ def _time_ns(row: dict[str, str], where: str) -> int:
     name, unit = ("time_ns", 1) if "time_ns" in row else ("time_s", 10**9)
     try:
         # As the decimal number that was written: a float would lose nanoseconds of a long run.
-        time_ns = rounded_multiple(row[name].strip(), unit)
-    except (ValueError, AttributeError):
-        raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a number; correct the cell") from None
-    if unit == 1 and Fraction(row[name].strip()) != time_ns:
-        raise LogError(f"{where}, {name}: found {shown(row[name])}, expected a whole number; correct the cell")
+        time_ns = time_in_ns(row[name].strip(), unit)
+    except ValueError as error:
+        raise LogError(f"{where}, {name}: found {shown(row[name])}, expected {error}; correct the cell") from None
     if not 0 <= time_ns < 2**31 * 10**9:
         raise LogError(
             f"{where}, {name}: found {shown(row[name])}, expected a time from 0 to 2^31 s (68 years); count from the "

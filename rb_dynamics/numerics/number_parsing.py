@@ -42,6 +42,21 @@ def rounded_multiple(text: str, unit: int) -> int:
     return round(Fraction(_required(text, is_decimal(text))) * unit)
 
 
+def time_in_ns(text: str, unit: int) -> int:
+    """Return the time (ns) written in `text`, in a unit of so many ns, rounded to even; in ns it must be whole.
+
+    Raises:
+        ValueError: it is not; the message says what is expected.
+    """
+    try:
+        time_ns = rounded_multiple(text, unit)
+    except ValueError:
+        raise ValueError("a number") from None
+    if unit == 1 and Fraction(text) != time_ns:
+        raise ValueError("a whole number")
+    return time_ns
+
+
 def whole_number(text: str) -> int:
     """Return the whole number written in `text`, of at most 300 digits.
 

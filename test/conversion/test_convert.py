@@ -150,8 +150,8 @@ def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", r"the columns are \[\], expected time_ns or time_s, force_x"),
-        ("time_s,force_x\n", "expected time_ns or time_s"),
+        ("", r"the columns are \[\], expected time_ns or time_s, and of wrenches force_x"),
+        ("time_s,speed\n", "and of wrenches .*, of commands to actuators topic and command;"),
         (HEAD + "\n1,0,0,0,0,0,0\n2,0,0,x,0,0,0\n", "line 3, force_z: found 'x', expected a number"),
         (HEAD + "\n", "found no rows below the columns, expected commands"),
         (HEAD.replace("_s", "_ns", 1) + "\n1.5,0,0,0,0,0,0\n", "line 2, time_ns: found '1.5', expected a whole number"),

@@ -33,7 +33,7 @@ from rb_dynamics.analysis.track import Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.argument_checks import shown
-from rb_dynamics.numerics.number_parsing import real_number, rounded_multiple
+from rb_dynamics.numerics.number_parsing import real_number, time_in_ns
 from rb_dynamics.scene.model import Scene
 
 # ns in the unit of each column of times.
@@ -220,12 +220,13 @@ def _numbers(
             try:
                 if quantity in _TIMES:
                     # As the decimal number that was written: a float would lose nanoseconds of a wall clock.
-                    time_ns = rounded_multiple(cell, _TIMES[quantity])
+                    time_ns = time_in_ns(cell, _TIMES[quantity])
                 else:
                     found.append(real_number(cell) if cell else math.nan)
-            except ValueError:
+            except ValueError as error:
+                expected = error if quantity in _TIMES else "a number"
                 raise LogError(
-                    f"{path}, line {line}, {names[place]}: found {shown(cells[place])}, expected a number; correct the "
-                    "cell" + ("" if quantity in _TIMES else ", or leave it empty where nothing was measured")
+                    f"{path}, line {line}, {names[place]}: found {shown(cells[place])}, expected {expected}; correct "
+                    "the cell" + ("" if quantity in _TIMES else ", or leave it empty where nothing was measured")
                 ) from None
     return time_ns, found

@@ -76,6 +76,11 @@ def test_columns_that_convert_writes_need_no_names(tmp_path: Path) -> None:
         ({"gyro": ["wx", "wy", "wq"]}, [], "found no columns 'wq' for gyro among time_s, wx"),
         ({"time_s": ["stamp"]}, ["0,1,2,3"] * 5, "found no columns 'stamp'"),
         ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2,x"], "line 2, wz: found 'x', expected a number"),
+        (
+            {"time_ns": ["time_s"], "gyro": ["wx", "wy", "wz"]},
+            ["1.5,1,2,3"],
+            "line 2, time_s: found '1.5', expected a whole number",
+        ),
         ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2"], "line 2: found 3 cells, expected 4"),
         ({"gyro": ["wx", "wy", "wz"]}, ["1,1,2,3", "0,1,2,3"], "row 2 of numbers: found a time 1 s before"),
         ({"gyro": ["wx", "wy", "wz"]}, [], "a header and no row"),
