@@ -29,7 +29,8 @@ class Wrench:
     Attributes:
         force: N, in the axes of `frame_id`.
         torque: N m, in the axes of `frame_id`.
-        frame_id: "" or the body frame, the world frame, or a fixed frame that the scene declares.
+        frame_id: "" or the body frame, the world frame, or a fixed frame that the scene declares; a leading slash is
+            taken off.
         stamp_ns: `header.stamp` of the command, integer nanoseconds.
         message: the bytes of the WrenchStamped as received; None if there was none, and in a changed copy. Not compared
             by `==`.
@@ -51,6 +52,8 @@ class Wrench:
                 logged.
         """
         instance(self.frame_id, str, "wrench frame_id", "write the name of a frame")
+        if self.frame_id.startswith("/"):
+            object.__setattr__(self, "frame_id", frame_name(self.frame_id))
         for name in ("force", "torque"):
             given: object = getattr(self, name)
             if type(given) is not tuple:
@@ -61,6 +64,11 @@ class Wrench:
                 raise TypeError(f"wrench {name} is {shown(given)}, expected three components; write (x, y, z)")
             if not type(given[0]) is type(given[1]) is type(given[2]) is float:
                 object.__setattr__(self, name, tuple(map(_within_doubles, given)))
+
+
+def frame_name(frame_id: str) -> str:
+    """Return the name of the frame in a message: leading slashes, a habit of ROS 1, mean nothing, as in tf2."""
+    return frame_id.lstrip("/")
 
 
 def _within_doubles(component: Any) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rb_dynamics.formats.mcap_records import MessageBlock
 from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.topic_messages import Times, Topic
-from rb_dynamics.loads.wrench import Wrench
+from rb_dynamics.loads.wrench import Wrench, frame_name
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Received
 
 
@@ -32,7 +32,7 @@ def commands_of(
         LogError: a message is cut short or not CDR.
     """
     wrench, texts, rows = topic.numbers, topic.texts, np.arange(topic.count)
-    frame_ids = [text[0] if text else "" for _, text in texts]
+    frame_ids = [frame_name(text[0]) if text else "" for _, text in texts]
     frame = np.searchsorted([row for row, _ in texts], rows, side="right") - 1
     stamps = topic.stamps if topic.type_name == WRENCH else None
     received = Received((_Commands(block, wrench, frame_ids, frame, stamp_ns, stamps),), np.zeros_like(rows), rows)

@@ -19,7 +19,7 @@ from nav_msgs.msg import Odometry
 
 from rb_dynamics.body.state import State
 from rb_dynamics.errors import SceneError
-from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.loads.wrench import WrenchFrames, frame_name
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse, unit
@@ -55,7 +55,7 @@ def to_state(message: Odometry, frames: WrenchFrames) -> State:
         ("header.frame_id", message.header.frame_id, frames.world_frame),
         ("child_frame_id", message.child_frame_id, frames.body_frame),
     ):
-        if found not in ("", expected):
+        if frame_name(found) not in ("", expected):
             raise SceneError(f"{name} is {shown(found)}, expected {expected!r} or nothing; transform the state before")
     p, q = message.pose.pose.position, message.pose.pose.orientation
     linear, angular = message.twist.twist.linear, message.twist.twist.angular

@@ -30,6 +30,7 @@ from simulation_interfaces.srv import (
 )
 
 from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.loads.wrench import frame_name
 from rb_dynamics.numerics.rotation import NORM_TOLERANCE
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.runner import Runner
@@ -179,7 +180,7 @@ class SimulationServices:
         frame = request.state.header.frame_id
         # Before version 2 of the package there was no choice.
         set_pose, set_twist = getattr(request, "set_pose", True), getattr(request, "set_twist", True)
-        if frame not in ("", self._runner.scene.frames.world_frame):
+        if frame_name(frame) not in ("", self._runner.scene.frames.world_frame):
             response.result = _failed(
                 f"header.frame_id is {frame!r}, expected {self._runner.scene.frames.world_frame!r} or nothing"
             )

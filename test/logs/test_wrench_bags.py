@@ -222,6 +222,29 @@ def test_of_a_recording_of_two_runs_one_can_be_cut_out(tmp_path: Path, capsys: p
     assert "the stamps of its commands go back by 5 s" in told
 
 
+def test_a_leading_slash_of_a_frame_in_a_bag_means_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A habit of ROS 1: these commands were rejected."""
+    (tmp_path / "a.yaml").write_text(
+        "body: {mass: 2, inertia: {diagonal: [1, 1, 1]}, frames: {hull: {position: [0, 1, 0]}}}\n"
+        "wrenches: [{topic: wrench}]\nduration: 4\n"
+    )
+    ends, log = [], tmp_path / "log.mcap"
+    for slash in ("", "/"):
+        frames = [f"{slash}body", "body", f"{slash}world", f"{slash}hull"]
+        rows: list[Row] = [
+            ("/wrench", STAMPED, k * SECOND, stamped(k * SECOND, 1.0, frame)) for k, frame in enumerate(frames)
+        ]
+        bag = write_rows(tmp_path / f"bag{len(slash)}.mcap", rows)
+        arguments = ["simulate", str(tmp_path / "a.yaml"), "--wrench", str(bag), "--mcap", str(log), "--json"]
+        assert main(arguments) == 0
+        ends.append({**json.loads(capsys.readouterr().out), "wall_time_s": 0})
+        assert main(["replay", str(log)]) == 0
+        assert capsys.readouterr().out.endswith("the same to the last bit\n")
+        assert inspect(log).passed
+    assert ends[0] == ends[1]
+    assert ends[0]["linear_momentum_world"][0] > 3.0
+
+
 def test_a_command_whose_timeout_ends_before_the_run_does_not_act(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
