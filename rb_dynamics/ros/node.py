@@ -132,6 +132,8 @@ class RigidBodyNode(Node):
         self._actuators = [actuator.topic for actuator in scene.actuators]
         # Logs that were deleted, and have been reported.
         self._missing: set[Path] = set()
+        # What was said of logs of earlier runs when the present one began.
+        self._kept: list[str] = []
         # Under use_sim_time this clock is /clock, else that of the system.
         pacer = (
             ClockFollower(self._ros_now)
@@ -291,13 +293,15 @@ class RigidBodyNode(Node):
         ]
         self._logs = list(zip(paths, guarded, strict=True))
         self._missing.clear()
+        self._kept.clear()
         return [self._topic_sink, *guarded]
 
     def _keep_earlier(self, path: Path | None) -> None:
         """Rename an earlier log: its run cannot be repeated."""
         kept = path and move_aside(path)
         if kept is not None:
-            self.get_logger().info(f"an earlier log {path} is kept as {kept.name}")
+            self._kept.append(f"an earlier log {path} is kept as {kept.name}")
+            self.get_logger().info(self._kept[-1])
 
     def _subscribe(self, topic: str, replaced: Subscription | None = None) -> Subscription:
         # In lockstep no command may be lost, however far ahead the sender is: the reader keeps all.
@@ -466,8 +470,7 @@ class RigidBodyNode(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         failure = self.runner.reset()
         response.success, response.message = not failure, "simulation time 0 s, initial state, commands cleared"
-        if failure:
-            response.message += f"; but {failure}"
+        response.message = "; ".join([response.message, *self._kept, *[f"but {failure}"] * bool(failure)])
         return response
 
     def _on_set_state(self, message: Odometry) -> None:

@@ -197,7 +197,9 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
         assert stamp(poses[-1]) == frozen
         assert peer.call("rigid_body/step", Trigger.Request()).success
         peer.until(lambda: stamp(poses[-1]) == frozen + 10_000_000, "one output period more")
-        assert peer.call("rigid_body/reset", Trigger.Request()).success
+        answer = peer.call("rigid_body/reset", Trigger.Request())
+        assert answer.success
+        assert answer.message.endswith(f"; an earlier log {log} is kept as run.1.mcap")
         peer.until(lambda: stamp(poses[-1]) < frozen, "time from 0 again")
         assert node.stop() == 0
     said = node.out + node.err
