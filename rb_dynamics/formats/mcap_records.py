@@ -234,6 +234,7 @@ class McapFile:
         on_fact: called with name and content of each fact as it is read, even if a name occurs twice.
         complete: the file was finished by its writer; False for one that was cut off.
         damage: what was left out, one line for each piece.
+        unchecked: messages have no checksum, so that changed bytes in them would not be seen.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
@@ -248,6 +249,7 @@ class McapFile:
     on_fact: OnFact | None = None
     complete: bool = False
     damage: list[str] = field(default_factory=list)
+    unchecked: bool = False
     missing: list[tuple[int, int]] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -325,6 +327,7 @@ class McapFile:
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
                 if opcode == Opcode.MESSAGE:
+                    self.unchecked = True
                     self._loose += _RECORD.pack(opcode, len(content)) + content
                     if len(self._loose) < _TOGETHER_BYTES:
                         continue
@@ -726,6 +729,7 @@ class McapFile:
             with self.path.open("rb") as file:
                 # Most writers include the magic bytes at the start of the file, some do not.
                 if said in (_checksum(file, begin, self._data_end) for begin in (0, len(MAGIC))):
+                    self.unchecked = False
                     return
             what = "has a data section whose checksum does not fit its content, while those of its chunks do"
             self.damage.append(f"{self._damage(what)}; the index, metadata or an attachment may be wrong")
@@ -750,6 +754,7 @@ class McapFile:
     def _decompressed(self, content: bytes) -> bytes:
         compression, size, checksum, data = self._chunk_head(content)
         data = self._unpacked(compression, data, size)
+        self.unchecked |= not checksum
         if len(data) != size or (checksum and zlib.crc32(data) != checksum):
             raise self._damage("has a chunk whose checksum does not fit its content")
         return data

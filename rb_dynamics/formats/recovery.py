@@ -32,6 +32,7 @@ class Recovered:
         channels: of the new file.
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
+        unchecked: messages have no checksum, so that changed bytes in them would not be seen.
         next_file: name of the file in which the old one says that it continues; "" if it does not say so.
     """
 
@@ -40,6 +41,7 @@ class Recovered:
     channels: list[McapChannel]
     damage: list[str]
     missing: list[tuple[int, int]]
+    unchecked: bool = False
     next_file: str = ""
 
     @property
@@ -110,7 +112,8 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
         channels = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
         copy.finish(channels, old.attachments, old.metadata)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
-    return Recovered(facts, state, channels, old.damage, old.missing, next_file(old.metadata))
+    lost = old.damage, old.missing
+    return Recovered(facts, state, channels, *lost, old.unchecked, next_file(old.metadata))
 
 
 class Copy:

@@ -246,3 +246,25 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None
     os.mkfifo(tmp_path / name)
     with pytest.raises(LogError, match="is a pipe or a device"):
         read_bag(tmp_path / name)
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_flip_that_no_checksum_shows_is_not_ruled_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], chunked: bool
+) -> None:
+    """A log time was changed, and the file was called whole and nothing else."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
+    told = {}
+    for crcs in (True, False):
+        name = tmp_path / f"{crcs}.mcap"
+        options = {"use_chunking": chunked, "enable_crcs": crcs, "enable_data_crcs": crcs}
+        path = write_rows(name, rows, compression=CompressionType.NONE, **options)
+        if not crcs:
+            data = bytearray(path.read_bytes())
+            data[data.index(rows[50][3]) - 16] ^= 8
+            path.write_bytes(data)
+        assert main(["recover", str(path), str(tmp_path / "saved.mcap")]) == 0
+        told[crcs] = capsys.readouterr().out
+    assert all("the file was whole" in each for each in told.values())
+    assert "cannot be known" in told[False]
+    assert "cannot be known" not in told[True]

@@ -38,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
         begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (file.start_ns, file.end_ns))
         span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
         print(f"{file.name}: {file.counts.total()} messages{span}; the file was {each.state}")
+        if each.unchecked:
+            print("  its writer left out checksums: whether bytes of messages were changed cannot be known")
         for piece in each.damage:
             print(f"  {piece}")
         for begin_ns, end_ns in each.missing:
