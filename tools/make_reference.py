@@ -282,7 +282,7 @@ TOPICS = {
 SERVICES = {
     "~/pause": "pauses or resumes",
     "~/step": "advances by one output period, while paused or in lockstep; answers when that is done, or why it is not",
-    "~/reset": "returns to time 0 and the initial state, without commands; begins new logs, and `run.mcap` so far becomes `run.1.mcap`: the answer says so",
+    "~/reset": "returns to time 0, initial state, no commands; begins a new log, renames `run.mcap` to `run.1.mcap`",
     "~/set_parameters_atomically": "sets parameters as one change, checked as a whole; `state.*` move the body",
     "~/set_parameters": "sets parameters one after the other: `ros2 param set`",
     "~/get_parameters": "`ros2 param get`",

@@ -305,7 +305,10 @@ def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: b
         return f"errors of the measured rates, {what}, would explain what is left as well"
     if caused or (found is not None and found.torque is not None):
         return ""
-    return "neither another inertia nor a torque explains what is left, as of coloured noise"
+    left = "neither another inertia nor a torque that is constant in each twelfth of the time explains what is left"
+    if found is not None and found.noiseless:
+        return f"{left}, and the sensors show no noise; a torque that varies faster is one possible cause"
+    return f"{left}, as of coloured noise or of a torque that varies faster"
 
 
 def _left(inertia: Array, moved: _Moved, turn: _Pushed, stretch: Labels) -> Array:

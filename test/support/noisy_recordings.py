@@ -149,11 +149,23 @@ def flipping(seed: int) -> Recording:
     return _turning(body, tuple(rates.tolist()), np.arange(2000) * 20_000_000, np.zeros(3), 1e-3, 2e-3)
 
 
+def shaken() -> Recording:
+    """Return a recording without noise of a body under an unrecorded torque that varies quickly."""
+    body, times = _body(np.random.default_rng(5)), np.arange(1000) * 20_000_000
+    torque = 0.3 * max(body.principal_moments) * np.sin(np.outer(1e-9 * times, (7.0, 5.0, 3.0)))
+    return _turning(body, (0.5, 0.8, -0.6), times, torque, 0.0, 0.0)
+
+
 def _turning(body: RigidBody, rates: Any, times: Any, torque: Any, tracker: float, gyro: float) -> Recording:
-    """Return a recording of a body under a torque in world axes; `tracker` and `gyro` are noise, rad and rad/s."""
+    """Return a recording of a body under a torque in world axes, or one to each time.
+
+    `tracker` and `gyro` are noise, rad and rad/s.
+    """
     random, count = np.random.default_rng(5), len(times)
     start = State(angular_velocity_body=rates)
-    flown = driven_motion(body, start, times, method="rkmk4", step=0.01, torque_world=np.tile(torque, (count, 1)))
+    flown = driven_motion(
+        body, start, times, method="rkmk4", step=0.01, torque_world=np.broadcast_to(torque, (count, 3))
+    )
     noise = np.pad(0.5 * tracker * random.standard_normal((count, 3)), ((0, 0), (0, 1)))
     attitude = np.asarray(flown.orientation_xyzw) + noise
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)

@@ -35,7 +35,7 @@ from rb_dynamics.analysis.identification.model_omissions import TOLD
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.residual_whiteness import bands_of, root_of, whiteness, widened
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
-from rb_dynamics.analysis.identification.sensor_noise import floor_of, noise_shown
+from rb_dynamics.analysis.identification.sensor_noise import floor_of, is_smooth, noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, sane, stacked
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
@@ -133,6 +133,7 @@ class InertiaScore:
         end_ns: its end.
         explained: whether the given inertia leaves only noise.
         noise: standard deviation of a sample of the attitude, all components together, rad.
+        noiseless: whether no sensor shows noise.
         scaled: whether a torque determines the scale of the inertia.
         unseen: for each principal moment, ascending, the relative error that noise may hide.
         inertia: the best-fitting one; None if the given one explains the motion, or no motion follows the recording.
@@ -152,6 +153,7 @@ class InertiaScore:
     noise: float
     scaled: bool
     unseen: tuple[float, float, float]
+    noiseless: bool
     inertia: FittedInertia | None = None
     bias: Array | None = None
     late: bool = False
@@ -359,13 +361,14 @@ class _Judge:
         shown = noise_shown(self.model)
         self.floor = {key: _LESS_EXACT * floor_of(self.model, key) for key in shown}
         self.noise = {key: max(level, self.floor[key]) for key, level in shown.items()}
+        self.noiseless = all(map(is_smooth, flight.streams))
 
     def score(self, doubtful: bool) -> InertiaScore:
         """Return what is found."""
         first, last = self.flight.span_ns
         attitude = (level for (_, kind, _), level in self.noise.items() if kind == ATTITUDE)
         noise, hidden = float(np.sqrt(3.0)) * next(attitude, 0.0), (np.inf, np.inf, np.inf)
-        found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden)
+        found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden, self.noiseless)
         return self._beside(followed(self.model, np.zeros(self.model.layout.count), self.noise), found, doubtful)
 
     def mass(self) -> FittedMass | None:

@@ -57,6 +57,12 @@ def _noise_of(stream: Stream) -> float:
     return usual / float(np.sqrt(20.0))
 
 
+def is_smooth(stream: Stream) -> bool:
+    """Return whether a stream shows no noise: of that, neighbouring third differences oppose each other."""
+    every = _third_differences(stream)
+    return float(np.sum(every[1:] * every[:-1])) >= 0.0
+
+
 def _third_differences(stream: Stream) -> Array:
     values = stream.values
     if stream.kind == ATTITUDE:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noisy_recordings import Recording, flipping, recording, spun_up
+from noisy_recordings import Recording, flipping, recording, shaken, spun_up
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification import given_inertia
@@ -158,6 +158,13 @@ def test_coloured_noise_is_no_torque() -> None:
         assert left.explained or left.untold
         told.append(left.untold)
     assert any("coloured noise" in each for each in told)
+
+
+def test_what_is_left_of_poses_without_noise_is_not_said_to_be_coloured_noise() -> None:
+    left = judged(track_of(shaken(), without="/twist"))
+    assert not left.told
+    assert "the sensors show no noise; a torque that varies faster" in left.untold
+    assert "coloured" not in left.untold
 
 
 @pytest.mark.parametrize("what", ["scale", "alignment"])
