@@ -70,7 +70,8 @@ def checks(
         for steps in track.wrenches
         if (still := standing(steps.time_ns))
     ]
-    done += [_continuous(track, steady)] if steady is not None else []
+    leaps = next((each.leaps for each in agreed if each.leaps), None)
+    done += [_continuous(track, steady, leaps)] if steady is not None else []
     done += [_frozen(track, steady)] if steady is not None and steady.frozen else []
     done += [_one_body(track, steady.others)] if steady is not None and steady.others else []
     done += [_agrees(track, each) for each in agreed]
@@ -218,7 +219,7 @@ def one_recording(track: Track) -> Check:
     return Check("files are one recording", False, f"{len(apart) + 1} recordings in one folder: {named}; inspect each")
 
 
-def _continuous(track: Track, found: Continuity) -> Check:
+def _continuous(track: Track, found: Continuity, leaps: tuple[float, float, float] | None) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name = f"{topic} has no jumps"
     if found.returns is not None:
@@ -227,6 +228,8 @@ def _continuous(track: Track, found: Continuity) -> Check:
         often = f"in {100.0 * went.share:.3g} % of the samples, by {size} in the median"
         pose = "attitude" if went.turns else "position"
         return Check(name, False, f"the {pose} jumps away and back {often}: {what}")
+    if leaps:
+        return Check(name, False, f"{_leaps(leaps)}: these are no attitudes of one body")
     if found.jumps:
         largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
         shown = [jump for jump in found.jumps if jump in largest][:NAMED]
@@ -235,6 +238,12 @@ def _continuous(track: Track, found: Continuity) -> Check:
         far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so a jump cannot be detected"
         return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
     return Check(name, True, "neither in attitude nor in position")
+
+
+def _leaps(found: tuple[float, float, float]) -> str:
+    share, turned, told = found
+    rest = f"by {turned:.3g} rad in the median, while the angular velocity turns the body by {told:.2g} rad"
+    return f"the attitude leaps in {100.0 * share:.3g} % of the samples, {rest}"
 
 
 def _frozen(track: Track, found: Continuity) -> Check:
@@ -268,6 +277,8 @@ def _agrees(track: Track, each: Agreement) -> Check:
         return Check(name, True, f"not judged; {each.reason}", judged=False, share=0.0)
     if each.nothing:
         return Check(name, False, f"it is always zero although the {each.of} changes: it was not filled in")
+    if each.leaps:
+        return Check(name, False, _leaps(each.leaps))
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
     aligned = f"; {each.words}" if each.words else ""
     if not each.contradicts:

@@ -88,8 +88,7 @@ class Continuity:
 
     Attributes:
         jumps: in order of time.
-        turn: usual rotation between two samples by pose or rates, whichever is less, rad; from `FARTHEST` on, no
-            rotation is called a jump.
+        turn: usual rotation between two samples of the pose, rad; from `FARTHEST` on, no rotation is called a jump.
         returns: how often the pose returns, if it shows two bodies alternately.
         others: topics that show the same frame at another place.
         frozen: first and last stamp of each interval in which no bit of the pose changes although the body moves.
@@ -113,7 +112,7 @@ def continuity(track: Track) -> Continuity | None:
     turned = _changes(pose, turns=True)
     found = _jumps(track, pose.time_ns, turned, _LEAST_TURN, turns=True)
     turning = turned[turned > 0.0]
-    turn = min(float(np.median(turning)) if len(turning) else 0.0, _turn_by_rates(track.twist, pose))
+    turn = float(np.median(turning)) if len(turning) else 0.0
     del turned, turning
     placed = not np.isnan(extent)
     if placed:
@@ -121,7 +120,8 @@ def continuity(track: Track) -> Continuity | None:
         found += _jumps(track, pose.time_ns, moved, max(_LEAST_PART * extent, rounding), turns=False)
         del moved
     # A body that makes half a turn between samples returns, too.
-    returns = _returns(pose, track.twist, turns=False) if placed and turn < FARTHEST else None
+    slow = min(turn, _turn_by_rates(track.twist, pose)) < FARTHEST
+    returns = _returns(pose, track.twist, turns=False) if placed and slow else None
     return Continuity(
         jumps=tuple(sorted(found, key=lambda jump: (jump.start_ns, not jump.turns))),
         turn=turn,

@@ -42,6 +42,8 @@ _SHORTER = _SECOND // 10
 _SIGNIFICANT, _BETTER, _SEEN = 8.0, 0.5, 1e-3
 # Larger rotations between samples do not determine how the body rotated; rad.
 _FARTHEST, _AROUND = 1.0, 2.0
+# An attitude leaps if that many intervals turn so far, all together by this multiple of what the rates say at most.
+_OFTEN, _TIMES = 0.1, 3.0
 # What interpolation may explain of a difference, of its change with every second sample left out: a third to leading
 # order, and more for large rotations between samples.
 _OF_HALVED = 0.5
@@ -117,6 +119,8 @@ class Agreement:
         arm: of the position that of the pose lies from that of the twist, m, body axes; None where that is not seen.
         arm_error: its standard error, m.
         rare: whether interpolation between samples may explain a large `error`.
+        leaps: of an attitude that leaps from sample to sample: in which fraction of them, by how much in the median,
+            and how far the rates turn the body meanwhile, rad; None of a motion.
     """
 
     of: str
@@ -135,6 +139,7 @@ class Agreement:
     arm: tuple[float, float, float] | None = None
     arm_error: float = 0.0
     rare: bool = False
+    leaps: tuple[float, float, float] | None = None
 
     @property
     def words(self) -> str:
@@ -169,6 +174,8 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     if both is None:
         reason = f"{pose.topic} and {twist.topic} are not of the same time"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
+    if leaping := _leaping(both):
+        return leaping, Agreement("position", None, reason="the attitude leaps")
     given = TwistReading(twist_in_world, 1.0)
     turns = [TwistReading(w, f) for f in (1.0, -1.0, _DEGREE, 1.0 / _DEGREE) for w in (given.world, not given.world)]
     # Other axes with the opposite sign look the same as inverted attitudes, which are what occurs in practice.
@@ -187,6 +194,30 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
         return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
     position = _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
     return attitude, _with_arm(position, both, pose, twist, moves)
+
+
+def _leaping(both: _Both) -> Agreement | None:
+    """Return the contradiction if the attitude turns between samples by far more than the rates can; None if not.
+
+    Between two attitudes lies the shortest rotation of all that lead from one to the other.
+    """
+    turned, start, twist = sizes_of(both.turned), both.time_ns[0], both.series[1]
+    wide = turned > _FARTHEST
+    if float(wide.mean()) <= _OFTEN:
+        return None
+    rates = np.interp(both.time_ns - start, twist.time_ns - start, sizes_of(twist.values[:, 3:]))
+    told = np.maximum(rates[1:], rates[:-1]) * np.diff(both.time_ns) * 1e-9
+    turned, told = turned[wide], told[wide]
+    if float(turned.sum()) <= _TIMES * float(told.sum()):
+        return None
+    return Agreement(
+        "attitude",
+        float(np.median(np.maximum(1.0 - told / turned, 0.0))),
+        float(np.median(np.diff(both.time_ns)[wide])) * 1e-9,
+        len(turned),
+        contradicts=True,
+        leaps=(float(wide.mean()), float(np.median(turned)), float(np.median(told))),
+    )
 
 
 def _with_arm(

@@ -180,7 +180,7 @@ class Flight:
         """Return the same, with a note where rates and attitudes differ by more than sensors do.
 
         Raises:
-            LogError: they contradict each other, and another convention explains that.
+            LogError: they contradict each other, and another convention explains that, or the attitudes are none.
         """
         notes = []
         turns = [stream for stream in self.streams if stream.kind == ATTITUDE]
@@ -194,6 +194,14 @@ class Flight:
                         f"{self.name}: {said} contradict each other by {100.0 * (found.error or 0.0):.3g} %, expected "
                         f"the same turn of both: read {found.remedy} the rates fit to {100.0 * found.remaining:.2g} %; "
                         "convert what is otherwise than was said, or name other columns or frames"
+                    )
+                if found.leaps:
+                    share, turned, told = found.leaps
+                    raise LogError(
+                        f"{self.name}: {said} contradict each other: in {100.0 * share:.3g} % of the samples the "
+                        f"attitude leaps by {turned:.3g} rad in the median while the rates turn the body by {told:.2g} "
+                        "rad, expected attitudes of one body; write quaternions from angles in radians, or leave them "
+                        "out"
                     )
                 if found.contradicts and found.error is not None:
                     notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %: no fit follows both")
