@@ -454,7 +454,14 @@ def compare_tracks(
         commands=commands,
         body=_bodies(a.track.body, b.track.body),
         run=_runs(a.track, b.track),
-        notes=[*_frames(a.track, b.track), *_constants(found), *unequal, *_unknown_body(a, b), *more],
+        notes=[
+            *_frames(a.track, b.track),
+            *_constants(found),
+            *unequal,
+            *_moved(a.track, b.track, more),
+            *_unknown_body(a, b),
+            *more,
+        ],
         bound=bound,
         least_share=least_share,
     )
@@ -613,6 +620,21 @@ def _numbers_of_devices(scene: Scene) -> dict[str, Any]:
         *((f"wrenches.{each.topic}", each) for each in scene.channels),
     ]
     return {f"{name}.{field.name}": getattr(each, field.name) for name, each in devices for field in fields(each)}
+
+
+def _moved(one: Track, other: Track, notes: Sequence[str]) -> list[str]:
+    """Return that a body was moved from outside, and the other not so, where `notes` do not say it."""
+    moves = {name: track.moved_ns - track.zero_ns for name, track in (("A", one), ("B", other))}
+    first, second = moves.values()
+    alike = len(first) == len(second) and len(np.unique(first - second)) <= 1
+    if alike or any("set_state" in note for note in notes):
+        return []
+    return [
+        f"{name} was moved to another state (set_state) at t = {', '.join(f'{t:.9g}' for t in (times * 1e-9).tolist())}"
+        " s: the motions differ from then on in any case"
+        for name, times in moves.items()
+        if len(times)
+    ]
 
 
 def _unknown_body(a: Given, b: Given) -> list[str]:

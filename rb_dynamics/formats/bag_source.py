@@ -32,6 +32,8 @@ from rb_dynamics.formats.mcap_records import (
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, load
 
+# Numbers that are farther apart are no numbers of files of one bag.
+_MOST_SKIPPED = 1000
 # Bytes given to zstd at once.
 _PACKED_BYTES = 4096
 
@@ -151,8 +153,9 @@ class SplitBag:
             complete = complete and file.complete
             lost = self.metadata.get(INTERRUPTED, {})
             if before is not None:
-                lost = _between(before, file, lost)
-                self.boundaries += _boundary(before, file)
+                absent = self._absent(before, file)
+                lost = _between(before, file, lost, absent)
+                self.boundaries += [] if absent else _boundary(before, file)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
             self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
@@ -160,6 +163,20 @@ class SplitBag:
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
             before = file
         self.complete = complete
+
+    def _absent(self, before: _File, after: _File) -> list[str]:
+        """Return the files between two that are not there, as the first says, or the numbers of rosbag2 from 0 on."""
+        if expected := next_file(before.metadata):
+            return [expected] if expected != after.path.name else []
+        named = [re.fullmatch(r"(.*_)(0|[1-9][0-9]{0,9})(\.\w+)", each.path.name) for each in (before, after)]
+        if (one := named[0]) is None or (other := named[1]) is None:
+            return []
+        name, suffix = one[1], one[3]
+        skipped = range(int(one[2]) + 1, int(other[2]))
+        begins = any(file.name.startswith(f"{name}0{suffix}") for file in self.files)
+        if (other[1], other[3]) != (name, suffix) or not begins or len(skipped) > _MOST_SKIPPED:
+            return []
+        return [f"{name}{number}{suffix}" for number in skipped]
 
     @contextlib.contextmanager
     def _whole(self, path: Path) -> Iterator[_File]:
@@ -198,17 +215,15 @@ def _cut(file: _File) -> bool:
 
 
 def _boundary(before: _File, after: _File) -> list[FileBoundary]:
-    """Return how `after` follows `before`, if nothing is known to be missing between them."""
-    absent = next_file(before.metadata) not in ("", after.path.name)
-    if before.span_ns is None or after.span_ns is None or absent or _cut(before):
+    """Return how `after` follows `before`, if nothing of that one is known to be missing."""
+    if before.span_ns is None or after.span_ns is None or _cut(before):
         return []
     return [FileBoundary(before.path.name, after.path.name, before.span_ns[1], after.span_ns[0])]
 
 
-def _between(before: _File, after: _File, lost: dict[str, str]) -> dict[str, str]:
-    """Return what was `lost` up to `before` and between it and `after`, the file behind it."""
-    expected = next_file(before.metadata) or after.path.name
-    absent = {MISSING_FILES: expected} if expected != after.path.name else {}
+def _between(before: _File, after: _File, lost: dict[str, str], files: list[str]) -> dict[str, str]:
+    """Return what was `lost` up to `before` and between it and `after`, the file behind it, without these `files`."""
+    absent = {MISSING_FILES: ", ".join(files)} if files else {}
     if not (absent or _cut(before)):
         return lost
     hole = {"missing_ns": f"{before.span_ns[1]} {after.span_ns[0]}"} if before.span_ns and after.span_ns else {}

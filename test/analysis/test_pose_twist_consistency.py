@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -298,3 +299,38 @@ def test_interpolation_is_neither_a_lever_arm_nor_a_factor() -> None:
     for every in (20, 30, 40):
         turning, _ = agreements(read_track(bag_of(motion, twist=motion.taken(np.arange(0, 1000, every)))))
         assert not turning.words
+
+
+def of_degrees(motion: Tumble) -> Any:
+    """Return attitudes whose Euler angles in degrees were taken for radians."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler(
+        "xyz", Rotation.from_quat(motion.orientation_xyzw).as_euler("xyz", degrees=True)
+    ).as_quat()
+
+
+@pytest.mark.parametrize("how", ["degrees", "random"])
+def test_attitudes_that_leap_are_no_noise(how: str) -> None:
+    """The pose turns by a radian between samples and the twist by a hundredth of it: one of them is wrong."""
+    motion = precessing()
+    attitudes = np.random.default_rng(4).standard_normal((1000, 4))
+    attitudes /= np.linalg.norm(attitudes, axis=1, keepdims=True)
+    wrong = replace(motion, orientation_xyzw=of_degrees(motion) if how == "degrees" else attitudes)
+    summary = summarize(read_track(bag_of(wrong, twist_rows=body_twist(motion), wrench=True), BALL))
+    failed = {check.name: check.detail for check in summary.checks if not check.passed}
+    assert "while the angular velocity turns the body by" in failed[TURNS]
+    assert "the attitude leaps" in failed["/b/pose has no jumps"]
+    assert summary.residual is None
+    assert not any(check.judged for check in summary.checks if "balance" in check.name or "explains" in check.name)
+
+
+def test_fast_turns_and_a_few_leaps_are_no_contradiction() -> None:
+    """The rates explain the one; of the other the checks of jumps tell. A pose held between measurements leaps less."""
+    for motion in (spin(rate=120.0), spin(rate=150.0, stamps="random")):
+        assert not any(each.leaps for each in agreements(read_track(bag_of(motion))))
+    motion = spin()
+    motion.orientation_xyzw[::50] = motion.turned(2.0)[::50]
+    assert not any(each.leaps for each in agreements(read_track(bag_of(motion))))
+    held = spin(rate=3.0).taken(np.arange(1000) // 50 * 50, keep_times=True)
+    assert not any(each.leaps for each in agreements(read_track(bag_of(held, twist=spin(rate=3.0)))))

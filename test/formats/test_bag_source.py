@@ -289,3 +289,26 @@ def test_two_recordings_in_one_folder_are_told_apart(
     (boundary,) = bag.boundaries
     assert (boundary.begin_ns - boundary.end_ns) // 10**12 == 99
     assert not one_recording(read_track(bag)).passed
+
+
+def test_a_number_that_is_skipped_in_the_names_of_files_is_a_missing_file(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Without metadata.yaml the names alone say so; dates in names are no numbers of files."""
+    for folder, numbers, absent in (
+        ("bag", (0, 1, 4), ["bag_2.mcap", "bag_3.mcap"]),
+        ("days", (20261124, 20261126), []),
+        ("late", (9, 10, 11), []),
+    ):
+        path = tmp_path / folder
+        path.mkdir()
+        for place, number in enumerate(numbers):
+            start = 10**18 + place * 10**9
+            (file,) = record(tmp_path / f"{folder}{place}", StoragePlugin.MCAP, start_ns=start).glob("*.mcap")
+            file.rename(path / f"{folder}_{number}.mcap")
+        bag = read_bag(path)
+        assert bag.missing_files == absent
+        assert len(bag.missing) == bool(absent)
+        caplog.clear()
+        read_wrenches(path, ["wrench"])
+        assert ("is without bag_2.mcap, bag_3.mcap" in caplog.text) == bool(absent)  # what simulate warns of

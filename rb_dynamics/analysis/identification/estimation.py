@@ -90,7 +90,8 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
             bar.step()
         if shot is None and follows is not at:
             # Beyond what a start can follow, the segments are joined: if they can be, no other start is needed.
-            shot = joined(model, [follows, *tries], noise, _FAR)
+            others = [each for each in tries if not np.array_equal(each, follows)]
+            shot = joined(model, [follows, *others], noise, _FAR)
             if shot is not None and (fit := _from_one_start(model, shot, noise, loss)) is not None:
                 return fit
         # A start that comes to the minimum of another in the longest piece would go on like that.

@@ -145,6 +145,23 @@ class Flight:
             streams.append(replace(stream, time_ns=stream.time_ns[~again], values=stream.values[~again]))
         return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
 
+    def between_commands(self) -> Flight:
+        """Return the same without samples of accelerometers at the very time at which a command begins to act.
+
+        Of another program it is not known whether they show what acted before it or from it on.
+        """
+        times = np.concatenate([np.zeros(0, np.int64), *(channel.time_ns for channel in self.channels)])
+        streams, told = [], []
+        for stream in self.streams:
+            at = np.isin(stream.time_ns, times) & (stream.kind == ACCELERATION)
+            if at.any():
+                told.append(
+                    f"{int(at.sum())} of {len(at)} samples of {stream.topic} {stream.kind} have the time of a command: "
+                    "whether they show what acted before or after it is not known, and they are left out"
+                )
+            streams.append(replace(stream, time_ns=stream.time_ns[~at], values=stream.values[~at]))
+        return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
+
     def require_dense(self) -> None:
         """Refuse a recording between whose samples the body may have turned any number of times.
 
@@ -273,7 +290,8 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
     )
     moved = tuple((track.moved_ns - zero).tolist())
-    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])), moved)
+    found = Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])), moved)
+    return found if own else found.between_commands()
 
 
 def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:

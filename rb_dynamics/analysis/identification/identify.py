@@ -416,6 +416,8 @@ def _with_omissions(model: Model, fit: Fit, names: Sequence[str], loss: str) -> 
         tried = trials(wide.model, wide.fit, [trial for trial, _ in found])
         if all(each.only_noise for each in whole.residuals):
             sure = [wide.settled(trial).omission(shift, True) for trial, shift in found]
+            if not all(each.significant for each in sure):
+                break
             others = [trial.omission(wide.shift(trial.step)) for trial in tried]
             return replace(whole, omissions=(*sure, *others), notes=(*_of_omissions(sure), *whole.notes)), wide
     others = [trial.omission(bare.shift(trial.step)) for trial in first_tried]

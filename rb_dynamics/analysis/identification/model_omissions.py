@@ -71,6 +71,11 @@ class Omission:
     found: bool
     entry: dict[str, Any] | None
 
+    @property
+    def significant(self) -> bool:
+        """Whether it is farther from zero than its errors: where one step does not lead, it may be zero after all."""
+        return float(np.sum((np.array(self.value) / self.standard_error) ** 2)) > len(self.value)
+
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {

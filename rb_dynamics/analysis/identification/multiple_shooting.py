@@ -20,12 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
-from rb_dynamics.analysis.identification.flights import Flight, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight, Stream
 from rb_dynamics.analysis.identification.measurement_model import NODE, Model, Predicted
 from rb_dynamics.analysis.identification.residuals import Fit
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of
 from rb_dynamics.analysis.identification.stacked_rows import stacked, tame, triangle
 from rb_dynamics.analysis.track import Array
+from rb_dynamics.errors import LogError
 from rb_dynamics.motion.variational_equations import STATE
 
 TURN = 6.0
@@ -43,6 +44,8 @@ _LOOSE = 10.0 ** -np.arange(1.0, 11.0)
 _EXACT = 1.1e-8
 # rad that the body turns in a step at last: the error of a step moves the time of a flip as a disturbance does.
 _FINE = 0.015
+# rad, root mean square of a component: attitudes at random are 1.3 from any motion, and none is known no better.
+_ASTRAY = 0.5
 # Twice the logarithm of a likelihood by which a disturbance must be the better explanation.
 _BETTER = 10.0
 # Times the noise that is left if nothing but noise is.
@@ -102,6 +105,9 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
         starts: parameters to start from: what fits the segments best is joined.
         noise: of each sensor.
         far: of the plausible, how far the parameters may be.
+
+    Raises:
+        LogError: not even the motion within segments follows the attitudes.
     """
     segments = _segments(model)
     if len(segments) < _FEWEST:
@@ -121,6 +127,12 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
         at, best = shooting.search(shooting.begun(at[0]), _LOOSE[0])
     if not np.isfinite(best):
         return None
+    if topics := shooting.astray(at):
+        raise LogError(
+            f"{', '.join(dict.fromkeys(flight.name for flight in model.flights))}: found no motion that follows the "
+            f"attitudes of {', '.join(topics)}, not even over segments in which the body turns by about {TURN:g} rad, "
+            "expected attitudes of one body; write quaternions from angles in radians, or leave them out"
+        )
     found, loosest = at, _LOOSE[0]
     for loose in _LOOSE[1:]:
         at, likely = shooting.search(at, loose)
@@ -238,6 +250,15 @@ class _Shooting:
         """Return the sum of squares of what was measured."""
         return sum(float(np.sum(each.rows[:, -1] ** 2)) for each in self._flown(every))
 
+    def astray(self, every: Array) -> list[str]:
+        """Return the topics of attitudes that the segments do not follow at all."""
+        squares: dict[str, list[Array]] = {}
+        for k, z in enumerate(every):
+            for part in self._fly(k, z, derivatives=False)[0]:
+                if part.key[1] == ATTITUDE:
+                    squares.setdefault(part.key[0], []).append(np.ravel(part.left**2))
+        return [topic for topic, found in squares.items() if np.mean(np.concatenate(found)) > _ASTRAY**2]
+
     def _cost(self, z: Array, flown: Sequence[_Flown], loose: float) -> float:
         """Return the sum of squares; infinite if a motion diverges."""
         found = float(np.sum(((z - self.near) / self.far) ** 2))
@@ -273,6 +294,9 @@ class _Shooting:
             logarithm += 2.0 * float(np.sum(np.log(np.abs(np.diagonal(root)[:size]))))
         system = triangle(np.vstack(total))
         damped = np.vstack([system[:, :-1], np.diag(np.sqrt(damping) * np.linalg.norm(system[:, :-1], axis=0))])
+        if not (np.isfinite(damped).all() and np.isfinite(system).all()):
+            # The motion of some segment diverges.
+            return np.full_like(every, np.nan), np.inf
         step = np.linalg.lstsq(damped, np.append(-system[:, -1], np.zeros(p)), rcond=None)[0]
         steps = np.tile(step, (len(self.segments), 1))
         for k, each in enumerate(self.segments):

@@ -28,7 +28,17 @@ from rb_dynamics import (
     parse_scene,
     simulate,
 )
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, VELOCITY, Flight, flight_of
+from rb_dynamics.analysis.identification.flights import (
+    ACCELERATION,
+    ATTITUDE,
+    POSITION,
+    RATES,
+    VELOCITY,
+    Flight,
+    Stream,
+    WrenchSeries,
+    flight_of,
+)
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import EXPLAINS, summarize
 from rb_dynamics.cli import main
@@ -277,3 +287,14 @@ def test_rates_and_attitudes_of_two_conventions_are_refused_by_name(wrong: str) 
     assert flight.require_agreement() is flight
     with pytest.raises(LogError, match=re.escape(f"read {words}")):
         replace(flight, streams=streams).require_agreement()
+
+
+def test_an_accelerometer_at_the_time_of_a_command_shows_which_force_is_not_known() -> None:
+    times = 10_000_000 * np.arange(100)
+    values = np.ones((100, 3))
+    streams = tuple(Stream("/imu", kind, times, values) for kind in (RATES, ACCELERATION))
+    channel = WrenchSeries("/wrench", np.array([0, 300_000_000, 505_000_000]), np.zeros((3, 15)))
+    rates, force = (found := Flight("flight", streams, (channel,)).between_commands()).streams
+    assert len(rates.time_ns) == 100
+    assert np.array_equal(np.setdiff1d(times, force.time_ns), [0, 300_000_000])
+    assert found.notes[0].startswith("2 of 100 samples of /imu acceleration have the time of a command")

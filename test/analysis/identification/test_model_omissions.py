@@ -15,7 +15,7 @@ from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
 from rb_dynamics.analysis.identification.identify import _Report
 from rb_dynamics.analysis.identification.measurement_model import Model
-from rb_dynamics.analysis.identification.model_omissions import _candidates, trials
+from rb_dynamics.analysis.identification.model_omissions import Omission, _candidates, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 
 TORQUE = np.array([0.06, -0.08, 0.05])
@@ -183,3 +183,10 @@ def test_what_is_lacking_does_not_depend_on_how_close_the_search_came() -> None:
     assert len(here) == len(near) > 3
     for one, other in zip(here, near, strict=True):
         assert np.abs((one.value - other.value) / one.standard_error).max() < 1e-3
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_what_may_be_zero_by_its_own_errors_explains_nothing(size: float) -> None:
+    """Where a sample lies on the edge of a command one step says much of a delay, and the fit after it nothing."""
+    found = Omission("a delay", ("delay",), (size * 4e-5, -size * 6e-5), (4e-5, 6e-5), "s", 1e-9, np.inf, True, None)
+    assert found.significant == (size > 1.0)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
+from scipy.spatial.transform import Rotation
 
 from rb_dynamics import identify
 from rb_dynamics.analysis.identification import multiple_shooting
 from rb_dynamics.analysis.identification.estimation import fitted
-from rb_dynamics.analysis.identification.flights import Flight
+from rb_dynamics.analysis.identification.flights import ATTITUDE, Flight
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.multiple_shooting import joined
 from rb_dynamics.analysis.identification.sensor_noise import noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import information
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.errors import LogError
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 
 
@@ -94,3 +98,16 @@ def test_of_a_spin_that_has_not_flipped_nothing_is_known() -> None:
     found = identify(guess(body), [made], ["inertia_ratios"])
     assert not found.passed
     assert not any(each.known for each in found.parameters)
+
+
+def test_attitudes_that_no_segment_follows_end_the_search() -> None:
+    """Of Euler angles in degrees that were taken for radians, every start was searched for minutes."""
+    random = np.random.default_rng(7)
+    body = random_body(random)
+    made = flown(body, random, seconds=1.5, spin=(0.8, -0.9, 0.7), torque=0.3, pose=1e-3)
+    (turns,) = (stream for stream in made.streams if stream.kind == ATTITUDE)
+    angles = Rotation.from_quat(turns.values).as_euler("xyz", degrees=True)
+    wrong = replace(turns, values=Rotation.from_euler("xyz", angles).as_quat())
+
+    with pytest.raises(LogError, match="follows the attitudes of pose, not even over segments"):
+        identify(guess(body), [replace(made, streams=(wrong,))], ["inertia"], starts=2)
