@@ -47,7 +47,8 @@ _ALIKE = 3.0
 # Part of the time of a recording that is as good as all of it.
 _WHOLE = 0.9
 TELLS = 0.5
-"""A motion does not determine an inertia if each moment may have a larger undetected relative error."""
+"""A motion does not determine an inertia if each moment may have a larger undetected relative error, or if that part of
+the angular momentum in a sample is noise."""
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ def _share(found: InertiaScore, track: Track) -> float:
 def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: bool) -> str:
     """Return why nothing can be said; `caused` says whether a cause is found of what is not explained."""
     if explained:
-        hidden = noise > 0.0 and (found is None or min(found.unseen) >= TELLS)
+        hidden = noise >= TELLS or (noise > 0.0 and (found is None or min(found.unseen) >= TELLS))
         return "the noise of the recording hides it" if hidden else ""
     if found is not None and found.late:
         return "a delay of a sensor or of the commands would explain what is left as well"

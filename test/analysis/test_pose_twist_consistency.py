@@ -334,3 +334,16 @@ def test_fast_turns_and_a_few_leaps_are_no_contradiction() -> None:
     assert not any(each.leaps for each in agreements(read_track(bag_of(motion))))
     held = spin(rate=3.0).taken(np.arange(1000) // 50 * 50, keep_times=True)
     assert not any(each.leaps for each in agreements(read_track(bag_of(held, twist=spin(rate=3.0)))))
+
+
+def test_what_is_all_noise_explains_nothing() -> None:
+    """It was said that an inertia explains the motion up to noise as large as the whole angular momentum."""
+    # Between two samples the body turns so far that attitudes at random contradict no rates.
+    motion = spin(rate=2.0, count=20_000).taken(np.arange(0, 20_000, 40))
+    attitudes = np.random.default_rng(5).standard_normal((500, 4))
+    attitudes /= np.linalg.norm(attitudes, axis=1, keepdims=True)
+    rows, motion = body_twist(motion), replace(motion, orientation_xyzw=attitudes)
+    summary = summarize(read_track(bag_of(motion, twist_rows=rows, wrench=True), BALL))
+    (check,) = [each for each in summary.checks if each.name == "inertia explains the motion"]
+    assert not check.judged
+    assert check.detail == "not judged; the noise of the recording hides it"

@@ -32,6 +32,7 @@ from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.comparison_text import as_text, verdict
+from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
@@ -751,3 +752,19 @@ def test_the_page_shows_the_motion_of_bodies_far_from_zero(folder: Path) -> None
     first, second = (fly(folder / f"far_{x:.0f}.mcap", initial__position_world=[x, 2e6, 0.0]) for x in (1e6, 1e6 + 2.0))
     page = render_html(comparison_report(rb.compare(first, second, align="stamp")))
     assert "Position of the body origin less (1000000, 2000000, 0) m, world axes [m]" in page
+
+
+def test_a_body_that_was_moved_is_told_as_a_cause(folder: Path, log: Path) -> None:
+    scene = rb.parse_scene(SCENE, "test.yaml")
+    run = rb.Simulation(scene, [McapSink(folder / "moved.mcap")])
+    run.start()
+    for topic, wrench in COMMANDS:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.advance(2_000_000_000)
+    run.set_state(StateChange.to(rb.State(0, angular_velocity_body=(0.1, 0.2, 0.3)), scene.body).at(2_000_000_000))
+    run.advance(4_000_000_000)
+    run.finish()
+    found = rb.compare(log, folder / "moved.mcap")
+    told = [note for note in found.notes if "set_state" in note]
+    assert told == ["B was moved to another state (set_state) at t = 2 s: the motions differ from then on in any case"]
+    assert not any("set_state" in note for note in rb.compare(folder / "moved.mcap", folder / "moved.mcap").notes)
