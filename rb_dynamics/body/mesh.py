@@ -4,14 +4,12 @@ The divergence theorem turns the volume into signed tetrahedra, one from a refer
 corners a, b and c from that point, V = a . (b x c) / 6 and s = a + b + c, one has int x dV = V s / 4 and
 int x x^T dV = V / 20 (s s^T + a a^T + b b^T + c c^T); F. Tonon, Explicit exact formulas for the 3-D tetrahedron inertia
 tensor in terms of its vertex coordinates, J. Math. Stat. 1 (2004) 8. Second moments are taken about the centre of mass,
-so that nothing cancels however far away the origin is. `trimesh` only reads the file formats. Never repairs a surface,
-and does not look for triangles of one part that intersect.
+so that nothing cancels however far away the origin is. `trimesh` only reads the file formats. Never repairs a surface.
 """
 
 from __future__ import annotations
 
 import io
-import itertools
 import logging
 import math
 import os
@@ -42,6 +40,9 @@ _EPS = 2.0**-52
 _DEEP = 1e-5
 _BLOCK = 4096
 _MOST_PIECES = 500_000
+# Pairs of an edge and a triangle that are close, and solid angles: some ten seconds.
+_MOST_PAIRS = 10_000_000
+_MOST_WINDING = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,8 @@ class Solid:
         squared_gyration: the inertia matrix per mass about the centre of mass, m^2.
         reach: distance of the farthest vertex from the centre of mass, m.
         inside_out: the triangles were oriented inwards, and have been turned.
+        unchecked: there were too many triangles close to each other to look for all places where the surface crosses
+            itself.
     """
 
     volume: float
@@ -61,6 +64,7 @@ class Solid:
     squared_gyration: Matrix
     reach: float
     inside_out: bool = False
+    unchecked: bool = False
 
     def body(self, mass: float) -> RigidBody:
         """Return the body that has this shape and `mass` (kg); the axes of the mesh are the body axes.
@@ -149,8 +153,8 @@ def solid(vertices: Points, faces: Faces) -> Solid:
     triangles are oriented the other way.
 
     Raises:
-        BodyError: the surface is not closed, not consistently oriented, encloses nothing, or is not finite, or its size
-            is beyond `SMALLEST` and `LARGEST` of `shapes.py`.
+        BodyError: the surface is not closed, not consistently oriented, crosses itself, encloses nothing, or is not
+            finite, or its size is beyond `SMALLEST` and `LARGEST` of `shapes.py`.
     """
     points, triangles = _merged(vertices, faces)
     _check_closed(points, triangles)
@@ -162,14 +166,14 @@ def solid(vertices: Points, faces: Faces) -> Solid:
     if volume < 0.0:
         turned = solid(points, triangles[:, ::-1])
         return replace(turned, inside_out=True)
-    _check_parts(local, triangles)
+    unchecked = _check_parts(local, triangles, points)
     rest = _first_moment(local, triangles) / volume
     about_center = local - rest
     moments = _second_moments(about_center, triangles) / volume * unit**2
     x, y, z = (float(c) for c in reference + rest * unit)
     found = inertia_from_second_moments(lambda i, j: float(moments[i, j]))
     reach = float(np.sqrt((about_center**2).sum(axis=1)).max()) * unit
-    return Solid(volume * unit**3, (x, y, z), found, reach)
+    return Solid(volume * unit**3, (x, y, z), found, reach, unchecked=unchecked)
 
 
 def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
@@ -232,10 +236,11 @@ def _check_closed(points: Points, triangles: Faces) -> None:
             )
 
 
-def _check_parts(points: Points, triangles: Faces) -> None:
-    """Raise where parts overlap, a part lies inside another and is not a hole, or is a hole in nothing.
+def _check_parts(points: Points, triangles: Faces, named: Points) -> bool:
+    """Raise where the surface crosses itself, a part lies inside another and is not a hole, or is a hole in nothing.
 
-    Each would count wrongly.
+    Each would count wrongly. `named` are the points as the file has them. Returns whether a crossing may have been
+    missed, because there are too many places to look at.
     """
     # scipy is slow to import, and a mesh is read by few.
     from scipy.sparse import coo_array
@@ -244,13 +249,24 @@ def _check_parts(points: Points, triangles: Faces) -> None:
     pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     count, part_of_point = connected_components(graph, directed=False)
-    if count == 1:
-        return
     if count > MAX_PARTS:
         raise BodyError(
             f"found a mesh of {count} separate parts, expected at most {MAX_PARTS}; merge vertices that nearly meet, "
             "or leave out small parts"
         )
+    inwards = _inwards(points, triangles)
+    crossing, complete = _crossing(points, inwards, triangles)
+    if crossing:
+        first, other = sorted(part_of_point[list(crossing)])
+        which = "the surface" if count == 1 else f"part {first + 1} of the {count} parts"
+        place = [float(f"{c:.6g}") for c in named[crossing[0]]]
+        raise BodyError(
+            f"{which} of the mesh crosses {'itself' if first == other else 'another part'} (near {place}), so that "
+            "some of its volume would count twice or be subtracted, expected a surface that bounds one volume; unite "
+            "the parts that overlap, and export it again"
+        )
+    if count == 1:
+        return not complete
     part_of_triangle = part_of_point[triangles[:, 0]]
     order = np.argsort(part_of_triangle, kind="stable")
     parts = np.split(triangles[order], np.flatnonzero(np.diff(part_of_triangle[order])) + 1)
@@ -259,53 +275,84 @@ def _check_parts(points: Points, triangles: Faces) -> None:
     for part, own in enumerate(parts):
         around = (lows <= highs[part]).all(axis=1) & (lows[part] <= highs).all(axis=1)
         around[part] = False
-        others = np.flatnonzero(around)
-        inner = _shrunk(points, own)
-        crossed = any(_crosses(inner, own, points[parts[other]]) for other in others)
+        inner = points[own[0, 0]] + _DEEP * inwards[own[0, 0]]
         volume = _volume(points, own)
-        inside = math.fsum(_winding(inner[own[0, 0]], points, parts[other]) for other in others)
-        if crossed or round(inside) != (0 if volume > 0.0 else 1):
+        inside = math.fsum(_winding(inner, points, parts[other]) for other in np.flatnonzero(around))
+        if round(inside) != (0 if volume > 0.0 else 1):
             what = "lies inside another part, oriented as it is" if volume > 0.0 else "is oriented inwards"
             raise BodyError(
-                f"part {part + 1} of the {count} parts of the mesh {'crosses another part' if crossed else what}, "
-                "expected parts beside each other, oriented outwards, and holes in them, oriented inwards; "
-                f"{'unite the parts that overlap' if crossed else 'turn its triangles, or remove the part'}"
+                f"part {part + 1} of the {count} parts of the mesh {what}, expected parts beside each other, oriented "
+                "outwards, and holes in them, oriented inwards; turn its triangles, or remove the part"
             )
+    return not complete
 
 
-def _shrunk(points: Points, triangles: Faces) -> Points:
-    """Return the points, those of a part moved inwards a little, so that parts that touch do so no more."""
+def _inwards(points: Points, triangles: Faces) -> Points:
+    """Return the direction from each vertex into the solid; zero where the normals of its triangles cancel."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    size = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0.0)
+    normals = _unit(np.cross(b - a, c - a))
     inwards = np.zeros_like(points)
     for i in range(3):
         np.subtract.at(inwards, triangles[:, i], normals)
-    size = np.linalg.norm(inwards, axis=1, keepdims=True)
-    moved: Points = points + _DEEP * np.divide(inwards, size, out=np.zeros_like(inwards), where=size > 0.0)
-    return moved
+    return _unit(inwards)
 
 
-def _crosses(points: Points, own: Faces, corners: Points) -> bool:
-    """Return whether an edge of `own` goes through one of the triangles `corners`, (m, 3, 3)."""
-    edges = np.unique(np.sort(np.concatenate([own[:, [0, 1]], own[:, [1, 2]], own[:, [2, 0]]]), axis=1), axis=0)
-    for ends, near in _close(points[edges], corners):
-        (p, q), (a, b, c) = ends.transpose(1, 0, 2), near.transpose(1, 0, 2)
-        normals = np.cross(b - a, c - a)
-        # Heights of both ends above the plane, and the part of the triangle on each side of where the edge meets it.
-        above, below = (((end - a) * normals).sum(axis=1) for end in (p, q))
-        met = np.flatnonzero(above * below < 0.0)
-        at = p[met] + (above[met] / (above[met] - below[met]))[:, None] * (q - p)[met]
-        x, y, z = (corner[met] - at for corner in (a, b, c))
-        shares = [(np.cross(u, v) * normals[met]).sum(axis=1) for u, v in ((x, y), (y, z), (z, x))]
-        if (np.min(shares, axis=0, initial=math.inf) >= 0.0).any():
-            return True
-    return False
+def _unit(vectors: Points) -> Points:
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
 
 
-def _close(edges: Points, triangles: Points) -> Iterator[tuple[Points, Points]]:
-    """Yield pairs of an edge (n, 2, 3) and a triangle (n, 3, 3) whose boxes overlap, in blocks; some twice."""
+def _crossing(points: Points, inwards: Points, triangles: Faces) -> tuple[tuple[int, int] | None, bool]:
+    """Return a vertex of each of two triangles that cross, None if none do; and whether all could be looked at.
+
+    Where an edge goes through a triangle, the surface need not cross itself: parts may touch, and a flat face that is
+    not convex may have been cut into triangles that fold over each other. So the winding number decides: about a
+    crossing of two sheets it has three values in a row, in a sound surface only 0 and 1.
+    """
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    met, complete = [(np.empty((0, 2), dtype=np.int64), np.empty((0, 4, 3)))], True
+    try:
+        met += [_met(points, inwards, edges[e], triangles[t]) for e, t in _close(points[edges], points[triangles])]
+    except _TooManyError:
+        complete = False
+    vertices, around = (np.concatenate(each) for each in zip(*met, strict=True))
+    stride = -(-len(vertices) // max(1, _MOST_WINDING // len(triangles)))
+    for number in range(0, len(vertices), max(1, stride)):
+        if any(round(_winding(at, points, triangles)) not in (0, 1) for at in around[number]):
+            first, other = vertices[number]
+            return (int(first), int(other)), True
+    return None, complete and stride <= 1
+
+
+def _met(points: Points, inwards: Points, edges: Faces, triangles: Faces) -> tuple[Faces, Points]:
+    """Return where edges (n, 2) go through triangles (n, 3), also at their border: a vertex of both, and four places.
+
+    The ends of such an edge lie well on both sides. The places (m, 4, 3) lie about it, in and out of both sheets.
+    """
+    (p, q), (a, b, c) = points[edges.T], points[triangles.T]
+    normals = _unit(np.cross(b - a, c - a))
+    above, below = (((end - a) * normals).sum(axis=1) for end in (p, q))
+    which = np.flatnonzero((np.minimum(above, below) < -_DEEP) & (np.maximum(above, below) > _DEEP))
+    p, q, a, b, c, normals, above, below = (each[which] for each in (p, q, a, b, c, normals, above, below))
+    at = p + (above / (above - below))[:, None] * (q - p)
+    x, y, z = a - at, b - at, c - at
+    # Heights over the sides of the triangle.
+    shares = [(_unit(np.cross(normals, v - u)) * -u).sum(axis=1) for u, v in ((x, y), (y, z), (z, x))]
+    inside = np.min(shares, axis=0, initial=math.inf) > -_DEEP
+    edges, at, normals = edges[which][inside], at[inside], normals[inside]
+    inner = _unit(inwards[edges].sum(axis=1))
+    common = (inner * normals).sum(axis=1, keepdims=True)
+    u, v = (2.0 * _DEEP * _unit(each) for each in (normals - common * inner, inner - common * normals))
+    places = np.stack([at + u + v, at + u - v, at - u + v, at - u - v], axis=1)
+    return np.stack([edges[:, 0], triangles[which][inside, 0]], axis=1), places
+
+
+class _TooManyError(Exception):
+    """There are too many triangles close to each other."""
+
+
+def _close(edges: Points, triangles: Points) -> Iterator[tuple[Faces, Faces]]:
+    """Yield which edges (n, 2, 3) and triangles (m, 3, 3) have boxes that overlap, in blocks; some pairs twice."""
     from scipy.spatial import cKDTree
 
     low, high = edges.min(axis=1), edges.max(axis=1)
@@ -315,14 +362,17 @@ def _close(edges: Points, triangles: Points) -> Iterator[tuple[Points, Points]]:
     parts, edge_of = _pieces(edges[:, [0, 1, 1]], largest)
     tiles, triangle_of = _pieces(triangles, largest)
     (middles, reaches), (centers, halves) = _boxes(parts), _boxes(tiles)
-    tree, most = cKDTree(centers), halves.max()
+    tree, most, pairs = cKDTree(centers), halves.max(), 0
     for begin in range(0, len(middles), _BLOCK):
         block = slice(begin, begin + _BLOCK)
-        found = tree.query_ball_point(middles[block], reaches[block] + most, p=math.inf)
-        edge = np.repeat(edge_of[block], [len(each) for each in found])
-        triangle = triangle_of[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(edge))]
+        near, reach = cKDTree(middles[block]), float(reaches[block].max() + most)
+        pairs += int(near.count_neighbors(tree, reach, p=math.inf))
+        if pairs > _MOST_PAIRS:
+            raise _TooManyError
+        found = near.sparse_distance_matrix(tree, reach, p=math.inf, output_type="ndarray")
+        edge, triangle = edge_of[block][found["i"]], triangle_of[found["j"]]
         both = ((low[edge] <= last[triangle]) & (first[triangle] <= high[edge])).all(axis=1)
-        yield edges[edge[both]], triangles[triangle[both]]
+        yield edge[both], triangle[both]
 
 
 def _boxes(shapes: Points) -> tuple[Points, Points]:

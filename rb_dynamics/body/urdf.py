@@ -107,7 +107,7 @@ def parse_urdf(data: bytes, link: str, source: str = "<urdf>") -> Inertial:
 
 def _body(element: ElementTree.Element, pose: _Pose, place: str) -> RigidBody:
     """Return the <inertial> of a link that has `pose`."""
-    inertial = element.find("inertial")
+    inertial = _only(element, "inertial", place)
     if inertial is None:
         raise BodyError(
             f"{place} has no <inertial>, expected one with <mass> and <inertia>, there or in a link that is fixed to "
@@ -115,8 +115,9 @@ def _body(element: ElementTree.Element, pose: _Pose, place: str) -> RigidBody:
         )
     position, turn = pose.of(_origin(inertial, place))
     mass = _number(_child(inertial, "mass", place), "value", place)
+    entries = _inertia(inertial, place)
     try:
-        own = RigidBody.from_matrix(mass, _inertia(inertial, place), position)
+        own = RigidBody.from_matrix(mass, entries, position)
     except BodyError as error:
         raise BodyError(f"{place}: {error}") from error
     # From the moments, not from R I R^T: so that a needle's small moment survives any rpy.
@@ -267,10 +268,28 @@ def _fixed(
 
 
 def _child(element: ElementTree.Element, name: str, place: str) -> ElementTree.Element:
-    child = element.find(name)
+    child = _only(element, name, place)
     if child is None:
         raise BodyError(f"{place} has no <{name}> in <{element.tag}>, expected one; add it")
     return child
+
+
+# All attributes that count. What newer URDF adds, such as quat_xyzw, would change the result without a word.
+_ATTRIBUTES = {"inertial": (), "origin": ("xyz", "rpy"), "mass": ("value",), "inertia": _ENTRIES}
+
+
+def _only(element: ElementTree.Element, name: str, place: str) -> ElementTree.Element | None:
+    """Return the child of that name, None if there is none; raises where it is not the only one, or says more."""
+    children = element.findall(name)
+    if len(children) > 1:
+        raise BodyError(f"{place} has {len(children)} <{name}> in <{element.tag}>, expected one; remove the others")
+    for unknown in [each for child in children for each in child.attrib if each not in _ATTRIBUTES[name]]:
+        known = " and ".join(_ATTRIBUTES[name]) or "none"
+        remedy = "write its rotation as rpy" if name == "origin" else "remove it"
+        raise BodyError(
+            f"{place}: <{name}> has the attribute {unknown[:60]!r}, expected {known}: it would be ignored; {remedy}"
+        )
+    return children[0] if children else None
 
 
 def _number(element: ElementTree.Element, name: str, place: str) -> float:
@@ -293,7 +312,7 @@ def _numbers(element: ElementTree.Element, name: str, count: int, place: str) ->
 
 def _origin(element: ElementTree.Element, place: str) -> _Pose:
     """Return <origin xyz= rpy=>; what is absent is zero."""
-    origin = element.find("origin")
+    origin = _only(element, "origin", place)
     if origin is None:
         return _HERE
     x, y, z = _numbers(origin, "xyz", 3, place) if "xyz" in origin.attrib else ZERO

@@ -221,6 +221,9 @@ def _mesh(form: Field, section: Section) -> BodyReading:
     if solid.inside_out:
         remedy = "the result is correct; orient the mesh outwards for other programs"
         findings.append(Finding("inside-out", f"the triangles of {name} point inwards", "they were turned", remedy))
+    if solid.unchecked:
+        why, remedy = "too many of its triangles are close to each other", "check that in the program that made it"
+        findings.append(Finding("unchecked", f"not checked whether {name} crosses itself", why, remedy))
     reading = _resolved(form, section, solid.body(mass), tuple(f for f in findings if f), name)
     return replace(reading, surface=(path, scale))
 

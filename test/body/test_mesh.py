@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from rb_dynamics.body import mesh, shapes
 from rb_dynamics.errors import BodyError, MissingExtraError
 from rb_dynamics.numerics import rotation
+from rb_dynamics.scene.read import parse_scene
 
 trimesh = pytest.importorskip("trimesh", reason="extra 'mesh' is not installed")
 
@@ -214,6 +215,61 @@ def test_balls_and_long_thin_triangles_are_told_apart(apart: float) -> None:
             mesh.solid(*both)
     else:
         assert mesh.solid(*both).volume == pytest.approx(ring.volume + rod.volume, rel=1e-12)
+
+
+def prism(corners: Any, sides: int, cap: Any) -> tuple[Any, Any]:
+    """Return a prism of height 1 over a polygon of `sides` corners, maybe with more points in its faces."""
+    n, cap = len(corners), np.array(cap)
+    vertices = np.array([[*corner, z] for z in (0.0, 1.0) for corner in corners])
+    turn = [(k, (k + 1) % sides) for k in range(sides)]
+    walls = [each for i, j in turn for each in ([i, j, j + n], [i, j + n, i + n])]
+    return vertices, np.concatenate([walls, cap[:, ::-1], cap + n])
+
+
+def test_a_surface_that_crosses_itself_is_refused() -> None:
+    """A star, also turned, and a bow of two triangles, one of which would be subtracted."""
+    points = [[math.cos(0.8 * math.pi * k), math.sin(0.8 * math.pi * k)] for k in range(5)]
+    star = prism([*points, [0.0, 0.0]], 5, [[5, k, (k + 1) % 5] for k in range(5)])
+    bow = prism([[0, 0], [2, 2], [2, 0], [0, 1]], 4, [[0, 1, 2], [0, 2, 3]])
+    for vertices, faces in (star, bow, (star[0] @ Rotation.random(random_state=1).as_matrix().T, star[1])):
+        with pytest.raises(BodyError, match=r"the surface of the mesh crosses itself \(near .*count twice"):
+            mesh.solid(vertices, faces)
+
+
+def test_a_tube_through_itself_is_told_from_one_beside_itself() -> None:
+    turns, square = np.linspace(0.0, 4.0 * math.pi - 1.0, 40), np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.2
+    side = np.arange(4)
+    quads = [(4 * i + side, 4 * i + (side + 1) % 4) for i in range(39)]
+    faces = [np.stack([[a, b, b + 4], [a, b + 4, a + 4]]).transpose(2, 0, 1).reshape(-1, 3) for a, b in quads]
+    faces += [np.array([[0, 3, 2], [0, 2, 1], [156, 157, 158], [156, 158, 159]])]
+    for rise, sound in ((0.02, False), (0.1, True)):
+        place = [[[(2 + x) * math.cos(a), (2 + x) * math.sin(a), rise * a + z] for x, z in square] for a in turns]
+        coil = np.array(place).reshape(-1, 3), np.concatenate(faces)
+        if sound:
+            assert not mesh.solid(*coil).unchecked
+        else:
+            with pytest.raises(BodyError, match="crosses itself"):
+                mesh.solid(*coil)
+
+
+def test_triangles_that_only_fold_over_each_other_or_touch_do_not_cross() -> None:
+    """A face that is not convex, cut as OBJ readers cut it: outside of it, its triangles cancel. And a foil."""
+    corners = [[2, 0], [2, 1], [1, 1], [1, 2], [0, 2], [0, 0]]
+    folded = mesh.solid(*prism(corners, 6, [[0, k, k + 1] for k in range(1, 5)]))
+    assert folded.volume == pytest.approx(3.0, rel=1e-14)
+    assert not folded.unchecked
+    foil = trimesh.creation.icosphere(subdivisions=3)
+    assert mesh.solid(foil.vertices * [1.0, 1.0, 1e-7], foil.faces).volume == pytest.approx(1e-7 * foil.volume)
+
+
+def test_what_cannot_be_checked_is_named(tmp_path: Path) -> None:
+    """The edges of a fan of 6000 triangles are all close to all its triangles."""
+    trimesh.creation.cylinder(1.0, 0.01, sections=6000).export(tmp_path / "disc.ply")
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {mesh: {file: disc.ply}}}\nduration: 1\n", source=f"{tmp_path}/scene.yaml"
+    )
+    assert "not checked whether disc.ply crosses itself" in str(scene.findings[-1])
+    assert scene.body.principal_moments[2] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_a_body_in_a_hole_in_a_body_counts() -> None:
