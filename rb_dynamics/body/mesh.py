@@ -299,7 +299,8 @@ def _inwards(points: Points, triangles: Faces) -> Points:
 
 def _unit(vectors: Points) -> Points:
     size = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    unit: Points = np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+    return unit
 
 
 def _crossing(points: Points, inwards: Points, triangles: Faces) -> tuple[tuple[int, int] | None, bool]:
