@@ -8,6 +8,7 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
+from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import shares
@@ -26,6 +27,9 @@ _NEAR = 0.8
 # Number of times by which friction would slow a wheel by a factor e within a step.
 _SLOWED = 2.0
 
+# Change of the Earth's field in a year: root mean square and largest on its surface, nT.
+_SECULAR_RMS, _SECULAR_MOST, _YEAR, _MONTH = 80.0, 220.0, 365.25 * 86400.0, 30.0 * 86400.0
+
 TURN_SEEN = 0.5
 """Angle between samples (rad) beyond which a controller cannot follow the body."""
 
@@ -35,7 +39,7 @@ STREAM = 5
 
 def scene_remarks(scene: Scene) -> list[str]:
     """Return the remarks; empty for most scenes."""
-    return [*_wheels_too_full(scene), *_sensors_too_slow(scene), *_steps_too_long(scene)]
+    return [*_wheels_too_full(scene), *_sensors_too_slow(scene), *_steps_too_long(scene), *_field_too_old(scene)]
 
 
 def command_remarks(commands: Iterable[Command], rate: float) -> list[str]:
@@ -145,3 +149,15 @@ def _steps_too_long(scene: Scene) -> list[str]:
                 "solver.accuracy"
             )
     return found
+
+
+def _field_too_old(scene: Scene) -> list[str]:
+    """Return that the Earth's field stays that of its epoch, for a run in which it changes noticeably."""
+    if not any(isinstance(each, MagneticField) and each.model == "igrf" for each in scene.effects):
+        return []
+    if scene.duration is None or scene.duration <= _MONTH:
+        return []
+    days, years = scene.duration / 86400.0, scene.duration / _YEAR
+    changed = f"{years * _SECULAR_RMS:.0f} nT, at places by {years * _SECULAR_MOST:.0f} nT"
+    frozen = f"the coefficients of igrf stay those of its epoch; after {days:.0f} days the field has changed by about"
+    return [f"magnetic_field: {frozen} {changed}; divide the run, with an epoch for each part"]

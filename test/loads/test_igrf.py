@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -14,6 +15,7 @@ import rb_dynamics as rb
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.igrf import flux_density, parsed, rotation_angle, term, terms_at
 from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.run.scene_remarks import scene_remarks
 
 RADIUS = 6.3712e6
 EPOCH = "2025-06-01T12:00:00Z"
@@ -83,6 +85,24 @@ class TestModel:
         half = field.magnetic_field_at(0.5 * day)((-7e6, -1e6, 2e6))
         assert half == pytest.approx((-now[0], -now[1], now[2]), abs=1e-14)
         assert field.magnetic_field()(place) == now
+
+    def test_a_run_in_which_the_field_changes_says_so(self) -> None:
+        """The figures of the remark and of docs/limits.md, on the surface and per year; 10 % for the grid of places."""
+        pytest.importorskip("ppigrf")
+        angles = [(a, b) for a in np.linspace(-1.5, 1.5, 16) for b in np.linspace(0.0, 6.2, 24)]
+        places = [
+            RADIUS * np.array([math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), math.sin(a)]) for a, b in angles
+        ]
+        now, later = ([flux_density(terms_at(f"{year}-01-01"), tuple(p)) for p in places] for year in (2025, 2026))
+        changed = 1e9 * np.linalg.norm(np.subtract(now, later), axis=1)
+        assert math.sqrt(np.mean(changed**2)) == pytest.approx(80.0, rel=0.1)
+        assert changed.max() == pytest.approx(220.0, rel=0.1)
+
+        scene = rb.parse_scene(SCENE)
+        (said,) = scene_remarks(replace(scene, duration=365.25 * 86400.0))
+        assert "after 365 days the field has changed by about 80 nT, at places by 220 nT" in said
+        assert not scene_remarks(replace(scene, duration=30.0 * 86400.0))
+        assert not scene_remarks(replace(scene, effects=(), actuators=(), sensors=(), duration=365.25 * 86400.0))
 
     def test_the_angle_of_the_earth(self) -> None:
         # Astronomical Almanac: ERA 280.4606 degrees at J2000.0; 2025-01-01 0 h UT1: 100.8 degrees.
