@@ -23,7 +23,7 @@ from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames, largest_wrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import ZERO, Vector, add, norm
+from rb_dynamics.numerics.vector import ZERO, Vector, add, norm, scale
 
 if TYPE_CHECKING:
     from typing import TypeGuard
@@ -107,6 +107,24 @@ class CombinedEffects:
     def knots(self) -> list[float]:
         """Return the times (s) at which steps have to end, in order."""
         return sorted({time for effect in self.effects for time in _knots(effect)})
+
+    def require_smooth(self, point: Point, knot: float) -> None:
+        """Check that no load jumps with the time of the point at a knot (s), of which stages of steps see both sides.
+
+        Raises:
+            SceneError: the load from the knot before, or that from this one, does.
+        """
+        for effect in self.effects:
+            knots = _knots(effect)
+            if knot not in knots:
+                continue
+            for start in (max((time for time in knots if time < knot), default=0.0), knot):
+                part = _inside_the_step(effect, self.body, start)
+                if part is not None and _jumps(part, point, knot):
+                    raise SceneError(
+                        f"{effect.kind}: its load jumps with the time of the point at its knot {knot!r} s, where steps "
+                        "end and begin, and see both sides of it; let wrenching(body, start) choose the load by start"
+                    )
 
     def load_from(self, start: float, driven: Wrenching | None = None) -> Callable[[Point], Load] | None:
         """Return the function that gives the load of a step from its start, valid from `start` (s) to the next knot.
@@ -239,8 +257,9 @@ class CombinedEffects:
         changing = [effect for effect in self.effects if _inside_the_step(effect, self.body, 0.0) is not None]
 
         def strength(point: Point) -> float:
-            parts = (_inside_the_step(effect, self.body, point.time) for effect in changing)
-            return _total(norm(part(point)[0]) for part in parts if part is not None)
+            parts = ((effect, _inside_the_step(effect, self.body, point.time)) for effect in changing)
+            loads = (_refusing(effect, "load", part, _require_load) for effect, part in parts if part is not None)
+            return _total(norm(load(point)[0]) for load in loads)
 
         return strength if changing else None
 
@@ -313,9 +332,26 @@ def _refusing(
         if first is not None:
             first(effect, found)
             first = None
+        if what == "load" and not all(map(math.isfinite, (*found[0], *found[1]))):  # type: ignore[index]
+            raise ConvergenceError(
+                f"{effect.kind}: its load is {shown(found)} at simulation time {point.time:.9g} s and position "
+                f"{list(point.position)} m, expected finite numbers; correct the effect, or end the run before"
+            )
         return found
 
     return at
+
+
+def _jumps(load: Wrenching, point: Point, time: float) -> bool:
+    """Return whether a load jumps with the time at `time` (s): over 1 ns it changes like over 1 us."""
+    try:
+        sides = [[load(point._replace(time=time + t)) for t in (-h, h)] for h in (1e-9, 1e-6)]
+    except (ArithmeticError, ValueError):
+        # It need not exist beyond the knot.
+        return False
+    near, far = (norm(add(b[0], scale(-1.0, a[0]))) + norm(add(b[1], scale(-1.0, a[1]))) for a, b in sides)
+    size = max(norm(force) + norm(torque) for force, torque in sides[0])
+    return near > max(0.1 * far, 1e-9 * size)
 
 
 def _not(effect: Effect, what: str, value: object, expected: str) -> SceneError:

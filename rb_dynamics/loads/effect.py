@@ -103,7 +103,7 @@ class Effect:
         return ()
 
     def knots(self) -> tuple[float, ...]:
-        """Return the times (s) at which the load is not smooth: steps end there."""
+        """Return the times (s) at which the load is not smooth: steps end there, and `wrenching` is asked again."""
         return ()
 
     def wrenching(self, body: RigidBody, start: float) -> Wrenching | None:

@@ -249,6 +249,8 @@ class OwnControl:
         """
         length = by_method(self.goal, self.learnt, phase, advance).length
         if length == 0:
+            # The load may have no value a little later.
+            trials.attempt(phase, _SHORT / NANOSECONDS)
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"would have to be shorter than 1 ns; {_TOO_FAST}"
@@ -334,9 +336,12 @@ class AccuracyControl:
                 f"even a step of 1 ns can be taken: {trials.refused}"
             ) from trials.refused
         if length == 0:
+            # The load may have no value a little later.
+            trials.attempt(phase, _SHORT / NANOSECONDS)
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
-                f"of 1 ns has an error of {error:.3g}; {_TOO_FAST}"
+                f"of 1 ns has an error of {error:.3g}; "
+                + (_TOO_FAST if trials.refused is None else f"one of {_SHORT:g} ns cannot be taken: {trials.refused}")
             )
         # Steps that are short because of a gradual change of the load need not stay short after it.
         lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
@@ -359,8 +364,8 @@ class AccuracyControl:
 # Steps (ns) this short indicate a discontinuous load, not a strong one.
 _SHORT = 1e3
 _TOO_FAST = (
-    "a load is discontinuous there, and its effect should name the time in knots(), or it is too strong; correct it, "
-    "or accept a larger solver.accuracy"
+    "a load is discontinuous there, and its effect should name the time in knots() and choose the load by `start`, or "
+    "it is too strong; correct it, or accept a larger solver.accuracy"
 )
 
 
@@ -603,6 +608,6 @@ def _require_reachable(goal: Goal, phase: PhaseState, length: float) -> None:
             f"{length / NANOSECONDS:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
             f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
             "order, which takes longer steps"
-            + "; or a load is discontinuous there, and its effect should name the time in knots()"
+            + "; or a load is discontinuous there, and its effect should name it in knots() and choose by `start`"
             * jumps
         )

@@ -101,7 +101,7 @@ def _require_admitted(function: FunctionType) -> None:
         raise NotAdmittedError(
             f"{where} may use {unset} before it is set, an error in plain Python; set it at the start"
         )
-    if not all(map(_is_constant, filter(_is_number, function.__code__.co_consts))):
+    if any(map(_is_too_large, function.__code__.co_consts)):
         raise NotAdmittedError(f"{where} has a whole number beyond 2^53; write it as a float")
 
 
@@ -171,8 +171,10 @@ def _is_constant(value: object) -> bool:
     return value is None or type(value) in (float, bool) or (type(value) is int and abs(value) <= _LARGEST_WHOLE)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, tuple))
+def _is_too_large(value: object) -> bool:
+    if type(value) is tuple:
+        return any(map(_is_too_large, value))
+    return isinstance(value, int) and abs(value) > _LARGEST_WHOLE
 
 
 def _is_named_tuple(value: object) -> bool:

@@ -176,7 +176,9 @@ class Simulation:
         self._bank = None
         if scene.actuators:
             self._bank = ActuatorBank(scene.actuators, scene.body, scene.frames, self._effects.magnetic_field)
-        self._knots = [nanoseconds(knot) - self._earlier_ns for knot in self._effects.knots()]
+        # By their nanosecond: the time that the effect gave may be a little later.
+        self._named_knots = {nanoseconds(knot) - self._earlier_ns: knot for knot in self._effects.knots()}
+        self._knots = list(self._named_knots)
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
         phase = PhaseState.of(scene.body, scene.initial, elapsed)
@@ -910,6 +912,8 @@ class Simulation:
         ahead = [knot for knot in self._knots if knot > self.time_ns]
         kink = len(ahead) < len(self._knots)
         self._knots = ahead
+        if kink and self.time_ns in self._named_knots:
+            self._effects.require_smooth(self._phase.point(self.scene.body), self._named_knots[self.time_ns])
         orientation = self._phase.orientation
         changes = self._channels.apply(self.time_ns, orientation)
         came = self._channels.came
@@ -1036,6 +1040,7 @@ class Simulation:
             acting, driven, dipole = acting + self._bank.held(), self._bank.wrenching(), self._bank.dipole
         self._held = held = in_principal_axes(self.scene.body, acting)
         seconds = (self.time_ns + self._earlier_ns) / NANOSECONDS
+        seconds = max(seconds, self._named_knots.get(self.time_ns, seconds))
         body, load_from = self.scene.body, self._effects.load_from(seconds, driven)
         self._load_from = None if load_from is None else lambda phase: load_from(phase.point(body))
         gradual = self._channels.transients() + (self._bank.transients() if self._bank is not None else [])

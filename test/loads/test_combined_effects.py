@@ -145,3 +145,49 @@ def test_a_load_that_jumps_where_it_has_no_knot_is_told_so() -> None:
     spins = replace(SCENE.initial, angular_velocity_body=(0.1, 1.0, 0.1))
     with pytest.raises(ConvergenceError, match=r"discontinuous.*, and its effect should name the time in knots"):
         simulate(replace(SCENE, initial=spins, effects=(jumps,), solver=Solver("dop853", accuracy=1e-12)))
+
+
+class Knotted(Own):
+    """A force that begins at a knot, which no whole nanosecond is; `by` says what decides."""
+
+    def __init__(self, by: str) -> None:
+        super().__init__(PUSH)
+        self.by = by
+
+    def knots(self) -> tuple[float, ...]:
+        return (0.1 * 3,)
+
+    def wrenching(self, body: RigidBody, start: float) -> Wrenching:
+        if self.by == "start":
+            return lambda point: PUSH if start >= 0.1 * 3 else (ZERO, ZERO)
+        if self.by == "time":
+            return lambda point: PUSH if point.time >= 0.1 * 3 else (ZERO, ZERO)
+        return lambda point: ((max(0.0, point.time - 0.1 * 3), 0.0, 0.0), ZERO)
+
+
+def test_a_load_chosen_by_start_acts_from_its_knot_on() -> None:
+    """Also where the knot is a little after its nanosecond: it acted never."""
+    for solver in ({"step": 0.1}, {"accuracy": 1e-9}):
+        assert fly(Knotted("start"), **solver).sample.linear_momentum_world[0] == pytest.approx(0.2, rel=1e-12)
+    assert fly(Knotted("ramp"), step=0.1).sample.linear_momentum_world[0] == pytest.approx(0.02, rel=1e-9)
+
+
+def test_a_load_that_jumps_with_the_time_at_its_knot_is_refused() -> None:
+    with pytest.raises(
+        SceneError, match=r"own: its load jumps .* at its knot 0.3.* let wrenching\(body, start\) choose"
+    ):
+        fly(Knotted("time"), step=0.1)
+
+
+@pytest.mark.parametrize("solver", [{"step": 0.1}, {"accuracy": 1e-6}])
+def test_a_load_that_is_no_number_or_fails_is_named_by_every_solver(solver: Any) -> None:
+    for load in (((NAN, 0.0, 0.0), ZERO), (ZERO, (0.0, NAN, 0.0)), (ZERO, (math.inf, 0.0, 0.0))):
+        with pytest.raises(ConvergenceError, match=r"own: its load is .*(nan|inf).* at simulation time"):
+            flown(load, **solver)
+    with pytest.raises(ConvergenceError, match="own: its load fails with ZeroDivisionError"):
+        flown(lambda point: ((1.0 / point.time, 0.0, 0.0), ZERO), **solver)
+
+
+def test_the_end_of_a_loads_domain_is_no_discontinuity() -> None:
+    with pytest.raises(ConvergenceError, match=r"own: its load fails with ValueError: .*at simulation time 0\.25"):
+        flown(lambda point: ((math.sqrt(0.25 - point.time), 0.0, 0.0), ZERO), accuracy=1e-9)

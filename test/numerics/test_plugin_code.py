@@ -24,6 +24,7 @@ from rb_dynamics.numerics.vector import norm
 from rb_dynamics import UniformGravity
 import numpy as np
 LIST = [1.0]
+def scaled(a, b=2.0): return a * b
 """
 
 
@@ -70,6 +71,7 @@ def test_a_function_of_math_has_the_bits_of_python_and_fails_where_it_does(name:
         "norm((x, y, 1.0)) / vector.dot((x, x, x), (y, y, y))",
         "min(1.0, 1.0 / x) if y > 0.0 else -x",
         "1.0 / (1.0 + exp(x * 1000.0))",
+        "scaled(x) + scaled(x, b=y)",
     ],
 )
 def test_an_expression_has_the_bits_of_python_and_fails_where_it_does(expression: str) -> None:
