@@ -249,8 +249,6 @@ class OwnControl:
         """
         length = by_method(self.goal, self.learnt, phase, advance).length
         if length == 0:
-            # The load may have no value a little later.
-            trials.attempt(phase, _SHORT / NANOSECONDS)
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"would have to be shorter than 1 ns; {_TOO_FAST}"
