@@ -194,6 +194,8 @@ class _TrackReader:
             kinetic_energy=kinetic,
             work=self._scalar("energy/work"),
             energy_defect=self._scalar("energy/defect"),
+            motor_work=self._scalar("energy/motor_work"),
+            friction_heat=self._scalar("energy/friction_heat"),
             momenta_from=momenta_from,
             wrenches=wrenches,
             acted=acted,

@@ -377,6 +377,8 @@ def _moments(track: Track) -> list[FirstAndLast]:
         ("linear momentum, world", "kg m/s", track.linear_momentum, all_of_it),
         ("kinetic energy", "J", track.kinetic_energy, all_of_it),
         ("work", "J", track.work, all_of_it),
+        ("motor work of the wheels", "J", track.motor_work, all_of_it),
+        ("friction heat of the wheels", "J", track.friction_heat, all_of_it),
         ("specific force, sensor", "m/s²", track.specific_force, all_of_it),
         (POINTING, "rad", track.pointing, all_of_it),
     ]
@@ -402,6 +404,8 @@ def _ranges(track: Track) -> list[Range]:
         ("linear momentum |p|", "kg m/s", track.linear_momentum),
         ("kinetic energy T", "J", track.kinetic_energy),
         ("work W", "J", track.work),
+        ("motor work of the wheels", "J", track.motor_work),
+        ("friction heat of the wheels", "J", track.friction_heat),
         ("specific force", "m/s²", track.specific_force),
         (POINTING, "rad", track.pointing),
     ]

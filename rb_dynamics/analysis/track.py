@@ -186,6 +186,8 @@ class Track:
         kinetic_energy: J.
         work: J.
         energy_defect: J.
+        motor_work: of the motors of reaction wheels, J; part of `work`.
+        friction_heat: of reaction wheels, J; subtracted in `work`.
         momenta_from: source of momenta and kinetic energy: "the log", or what they are computed from; "" without.
         wrenches: applied wrenches; commands, if a bag has no applied wrenches.
         acted: whether `wrenches` are known to be complete.
@@ -222,6 +224,8 @@ class Track:
     rates: TimeSeries | None = None
     specific_force: TimeSeries | None = None
     pointing: TimeSeries | None = None
+    motor_work: TimeSeries | None = None
+    friction_heat: TimeSeries | None = None
 
     @property
     def span_ns(self) -> tuple[int, int]:

@@ -259,7 +259,7 @@ def _samples_to_table(
             skip(each.path, error)
             continue
         parts.append((each.path, scene, names))
-        devices = {names[sensor.name] for sensor in scene.sensors} | ({names[WHEELS[0]]} if scene.wheels else set())
+        devices = {names[sensor.name] for sensor in scene.sensors} | {names[WHEELS[0]] for _ in scene.wheels}
         _warn_of(each, devices, "not in the samples, a table of messages has those that --pose-topic names")
     wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
     run = [Column("run", "text")] if len(logs) > 1 else []
@@ -594,6 +594,8 @@ def _sample(numbers: dict[str, float], time_ns: int) -> Sample:
         unknown,
         unknown,
         numbers.get("potential_energy"),
+        motor_work=numbers.get("motor_work"),
+        friction_heat=numbers.get("friction_heat"),
     )
 
 

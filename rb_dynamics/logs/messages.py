@@ -54,7 +54,8 @@ POTENTIAL = ("energy/potential", types.SCALAR)
 """Where an effect has a potential energy."""
 
 WHEELS = ("wheels", types.JOINTS)
-"""Where the scene has reaction wheels."""
+WHEEL_TOPICS = (WHEELS, ("energy/motor_work", types.SCALAR), ("energy/friction_heat", types.SCALAR))
+"""Where the scene has reaction wheels; older logs have only the first."""
 
 ACCEL = ("accel", types.ACCELERATION)
 """Where it is asked for."""
@@ -87,7 +88,7 @@ def depth_at(rate: float) -> int:
 def sample_topics(scene: Scene, accel: bool) -> tuple[tuple[str, str], ...]:
     """Return name and type of each topic that a sample of `scene` has, in order."""
     potential = () if scene.combined_effects.potential() is None else (POTENTIAL,)
-    wheels = (WHEELS,) if scene.wheels else ()
+    wheels = WHEEL_TOPICS if scene.wheels else ()
     return (*SAMPLE_TOPICS, *potential, *wheels, *((ACCEL,) if accel else ()))
 
 
@@ -267,13 +268,16 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
         POTENTIAL[0]: lambda s: pack_scalar(s.sample.potential_energy),
     }
     if names := [(wheel.name,) for wheel in scene.wheels]:
-        still = (0.0,) * len(names)
 
         def pack_wheels(s: Stamped) -> bytes:
-            speeds = [((speed,),) for speed in s.sample.wheel_speeds or still]
+            speeds = [((speed,),) for speed in s.sample.wheel_speeds or ()]
             return cdr.encode(types.JOINTS, s.stamp[0] * NANOSECONDS + s.stamp[1], "", names, [], speeds, [])
 
-        packers[WHEELS[0]] = pack_wheels
+        energies: tuple[Callable[[Stamped], bytes], ...] = (
+            lambda s: pack_scalar(s.sample.motor_work),
+            lambda s: pack_scalar(s.sample.friction_heat),
+        )
+        packers |= zip((name for name, _ in WHEEL_TOPICS), (pack_wheels, *energies), strict=True)
     if acceleration is not None:
         pack_accel = cdr.stamped_packer(types.ACCELERATION, body)
         packers[ACCEL[0]] = lambda s: pack_accel(*s.stamp, *chain(*acceleration()))
@@ -288,7 +292,8 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
     import numpy as np
 
     topics = sample_topics(scene, accel=False)
-    still = Sample(0, ZERO, IDENTITY, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0)
+    wheels = (0.0,) * len(scene.wheels)
+    still = Sample(0, ZERO, IDENTITY, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0, wheels, 0.0, 0.0)
     models = sample_encoder(scene)(still)
 
     def encode(samples: Sample, times_ns: Times) -> list[Bytes]:

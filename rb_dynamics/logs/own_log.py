@@ -29,7 +29,7 @@ from rb_dynamics.logs.messages import (
     POTENTIAL,
     SAMPLE_TOPICS,
     TF_STATIC,
-    WHEELS,
+    WHEEL_TOPICS,
     acting,
     decode_setpoint,
     decode_wrench,
@@ -53,6 +53,8 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "energy/work": ("work",),
     "energy/defect": ("energy_defect",),
     "energy/potential": ("potential_energy",),
+    "energy/motor_work": ("motor_work",),
+    "energy/friction_heat": ("friction_heat",),
     "accel": _axes("linear_acceleration_body") + _axes("angular_acceleration_body"),
 }
 
@@ -168,10 +170,11 @@ def require_types(source: Source, scene: Scene | None) -> dict[str, str]:
         types |= {channel.topic: WRENCH for channel in scene.channels}
         types |= {name + APPLIED: WRENCH for name in acting(scene)}
         types |= {sensor.name: sensor.message for sensor in scene.sensors}
-        types |= {WHEELS[0]: WHEELS[1]} if scene.wheels else {}
         types |= {actuator.topic: SCALAR for actuator in scene.actuators}
     usual = {name: name if name.startswith("/") else f"/{name}" for name in types}
-    names = usual | source.metadata.get(TOPICS, {})
+    named = source.metadata.get(TOPICS, {})
+    names = usual | named
+    types |= {name: type_name for name, type_name in (*WHEEL_TOPICS, ACCEL) if name in named}
     expected = {names[name]: type_name for name, type_name in types.items()}
     for channel in source.channels.values():
         type_name = expected.get(channel.topic, channel.type_name)
@@ -249,7 +252,7 @@ def row_blocks(
     Raises:
         LogError: a message is damaged.
     """
-    types = dict((*SAMPLE_TOPICS, POTENTIAL, ACCEL))
+    types = dict((*SAMPLE_TOPICS, POTENTIAL, *WHEEL_TOPICS, ACCEL))
     waiting = {names[name]: Topic(names[name], types[name]) for name in _topics(scene, names)}
 
     def taken(least: int) -> Iterator[tuple[Times, Values]]:
@@ -272,6 +275,7 @@ def row_blocks(
 
 
 def _topics(scene: Scene, names: Mapping[str, str]) -> list[str]:
-    """Return the topics of a sample: a potential where there is one, and the acceleration where it was asked for."""
+    """Return the topics of a sample: a potential where there is one, and of wheels and acceleration what was logged."""
     lacking = {POTENTIAL[0]} if scene.combined_effects.potential() is None else set()
-    return [topic for topic in COLUMNS if topic not in lacking and (topic != ACCEL[0] or topic in names)]
+    lacking |= {name for name, _ in (*WHEEL_TOPICS, ACCEL) if name not in names}
+    return [topic for topic in COLUMNS if topic not in lacking]

@@ -88,11 +88,17 @@ def momenta(time_s: Array, angular_momentum_world: Array, linear_momentum_world:
     )
 
 
-def energy(time_s: Array, kinetic: Array, work: Array | None = None) -> Picture:
-    """Return kinetic energy and, if known, the initial energy plus the work done since (J)."""
+def energy(
+    time_s: Array, kinetic: Array, work: Array | None = None, parts: Mapping[str, tuple[Array, Array]] | None = None
+) -> Picture:
+    """Return kinetic energy and, if known, the initial energy plus the work done since (J).
+
+    `parts` are other energies by their names, each as times (s) and values (J).
+    """
     lines = [Line("kinetic energy", time_s, kinetic)]
     if work is not None:
         lines.append(Line("initial energy + work", time_s, kinetic[:1] + work, dashed=True))
+    lines += [Line(name, *part) for name, part in (parts or {}).items()]
     return draw([Panel("Energy [J]", lines)], "Kinetic energy and work over time")
 
 

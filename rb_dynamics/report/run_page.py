@@ -293,8 +293,11 @@ def _energy(track: Track, kinetic: TimeSeries) -> Figure:
     if track.work is None:
         caption = "In a good run this is a horizontal line while no load acts."
         return Figure(plots.energy(track.seconds(kinetic.time_ns), kinetic.values), caption)
-    caption = "In a good run the lines coincide: kinetic energy changes only by the work done."
-    return Figure(plots.energy(*_shared(track, kinetic, track.work)), caption)
+    caption = "In a good run kinetic energy coincides with initial energy + work: it changes only by the work done."
+    parts = {"motor work": track.motor_work, "friction heat": track.friction_heat}
+    shown = {name: (track.seconds(part.time_ns), part.values) for name, part in parts.items() if part is not None}
+    caption += " The work includes that of the wheels' motors, less the heat of their friction." if shown else ""
+    return Figure(plots.energy(*_shared(track, kinetic, track.work), shown), caption)
 
 
 def _shared(track: Track, first: TimeSeries, second: TimeSeries) -> tuple[Array, Array, Array]:

@@ -47,7 +47,7 @@ from std_srvs.srv import SetBool, Trigger
 from rb_dynamics.errors import LogError, RigidBodyError, SceneError
 from rb_dynamics.formats.message_types import PLAIN_WRENCH, WRENCH
 from rb_dynamics.formats.output_file import move_aside
-from rb_dynamics.logs.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WHEELS, decode_setpoint, decode_wrench
+from rb_dynamics.logs.messages import ACCEL, COMMAND_DEPTH, SAMPLE_TOPICS, WHEEL_TOPICS, decode_setpoint, decode_wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.command_statistics import Losses
@@ -278,7 +278,7 @@ class RigidBodyNode(Node):
         """Return the sinks of the next run: topics and logs, each guarded, so that a failure stops only that one."""
         scene = self._settings.scene
         topics = (*self._topics, *self._actuators, *(each.name for each in scene.actuators), *scene.sensor_topics)
-        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, WHEELS, ACCEL)), *topics]
+        names = ["inertia", *(name for name, _ in (*SAMPLE_TOPICS, *WHEEL_TOPICS, ACCEL)), *topics]
         resolved = {name: self.resolve_topic_name(name) for name in names}
         sinks = self._settings.logs.sinks(self.get_namespace(), resolved)
         # A sink of a plug-in need not write a file.

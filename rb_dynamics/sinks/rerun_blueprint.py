@@ -154,7 +154,10 @@ def _plots(peaks: Mapping[str, float], exponents: Mapping[str, int], scene: Scen
     return rrb.Grid(
         tabs(_plot("Angular velocity, body axes [rad/s]", "angular_velocity"), measured),
         _plot("Angular momentum, world [kg m²/s]", "angular_momentum"),
-        _plot("Energy and work [J]", "energy/kinetic", "energy/work", "energy/potential", "energy/commands"),
+        _plot(
+            "Energy and work [J]",
+            *(f"energy/{each}" for each in ("kinetic", "work", "potential", "motor_work", "friction_heat", "commands")),
+        ),
         rrb.Tabs(
             _plot("Linear momentum [kg m/s]", "linear_momentum"),
             _plot("Position [m]", "position"),

@@ -59,6 +59,11 @@ POTENTIAL = PlotLines("energy/potential", "potential_energy", ("potential energy
 WHEELS = "wheels"
 """Speeds of reaction wheels, where there are any."""
 
+_WHEEL_ENERGIES = (
+    PlotLines("energy/motor_work", "motor_work", ("work of the motors",), (GREEN,)),
+    PlotLines("energy/friction_heat", "friction_heat", ("heat of the wheels' friction",), (RED,)),
+)
+
 _WHEEL_COLORS = (RED, GREEN, BLUE, GREY, ORANGE, CYAN)
 
 DEFECTS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -95,6 +100,7 @@ def series_of(scene: Scene) -> tuple[PlotLines, ...]:
         return series
     limits = [f" (at most {w.max_speed:g} rad/s)" if w.max_speed < math.inf else "" for w in scene.wheels]
     names = tuple(wheel.name + limit for wheel, limit in zip(scene.wheels, limits, strict=True))
+    series = (*series, *_WHEEL_ENERGIES)
     return (*series, PlotLines(WHEELS, "wheel_speeds", names, tuple(islice(cycle(_WHEEL_COLORS), len(names)))))
 
 

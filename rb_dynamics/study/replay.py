@@ -54,6 +54,7 @@ from rb_dynamics.logs.messages import (
     SAMPLE_TOPICS,
     SET_STATE,
     TF_STATIC,
+    WHEEL_TOPICS,
     acting,
     block_encoder,
     decode_state_change,
@@ -84,7 +85,7 @@ from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 _PARTS = 100
 
 # Numbers of samples, of which there may be many.
-_BOOKS = {f"/{name}" for name, kind in SAMPLE_TOPICS if kind == SCALAR}
+_BOOKS = {f"/{name}" for name, kind in (*SAMPLE_TOPICS, *WHEEL_TOPICS) if kind == SCALAR}
 
 # Facts besides scene and commands on which bits depend.
 _VERSION, _CODE = "version.rb_dynamics", "code_sha256"
@@ -404,7 +405,7 @@ class _Comparison:
 
     def open(self, run: RunInfo) -> None:
         """Determine which topics are compared, and compare the metadata of the run."""
-        names, scene = self._facts.names, run.scene
+        scene, names = run.scene, {**{name: f"/{name}" for name, _ in WHEEL_TOPICS}, **self._facts.names}
         frames, accel = scene.frames, ACCEL[0] in names
         samples = sample_topics(scene, accel)
         self._sample_topics = [names[name] for name, _ in samples]

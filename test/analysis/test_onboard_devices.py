@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -71,6 +72,32 @@ def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
         assert words in told
     uses = {topic.name: topic.use for topic in found.summary.topics}
     assert (uses["/imu"], uses["/jet/command"], uses["/wheels"]) == ("sensor", "command", "wheel speeds")
+
+
+def test_motor_work_and_friction_heat_are_in_the_log(tmp_path: Path) -> None:
+    text = SCENE.replace("max_speed: 60.0", "speed: 30, friction: {viscous: 1.0e-6}")
+    flight = fly(tmp_path / "friction.mcap", text, COMMANDS[:1])
+    found = rb.inspect(flight.log)
+    columns = {each.name: (each.first, each.last) for each in found.summary.moments}
+    end = flight.result.sample
+    assert end.motor_work
+    assert end.friction_heat
+    assert columns["motor work of the wheels"] == ((0.0,), (end.motor_work,))
+    assert columns["friction heat of the wheels"] == ((0.0,), (end.friction_heat,))
+    for name in ("motor_work", "friction_heat"):
+        series = getattr(found.track, name)
+        assert series.values.tolist() == getattr(flight.samples, name).tolist()
+    # 1 uW s^2/rad^2 and some 30 rad/s at first, of a body that hardly turns.
+    assert found.track.friction_heat.values[20] == pytest.approx(1e-6 * 30**2, rel=0.02)
+    assert "motor work of the wheels [J]" in as_text(found.summary)
+    assert '"friction heat of the wheels"' in json.dumps(found.as_dict())
+    page = tmp_path / "page.html"
+    write_html(page, run_report(found.track, found.summary))
+    assert "motor work" in page.read_text()
+    table = tmp_path / "friction.csv"
+    assert main(["convert", str(flight.log), str(table)]) == 0
+    header, *_, last = table.read_text().splitlines()
+    assert dict(zip(header.split(","), last.split(","), strict=True))["motor_work"] == repr(end.motor_work)
 
 
 def test_errors_of_sensors_are_those_of_the_scene(log: Path) -> None:

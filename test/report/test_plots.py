@@ -126,7 +126,8 @@ def test_comparison_is_logarithmic_and_shows_lengths() -> None:
     difference[0] = 0.0
     labels = texts(plots.comparison(np.arange(200.0), {"position [m]": difference}).svg)
     assert "position [m]" in labels
-    assert "1e\N{MINUS SIGN}10" in labels
+    # Which powers get a tick depends on the version of matplotlib.
+    assert len([label for label in labels if label.startswith("1e\N{MINUS SIGN}")]) >= 3
     assert not [label for label in labels if label.startswith("$")]
 
 
