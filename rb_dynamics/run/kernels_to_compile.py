@@ -31,7 +31,7 @@ def usual_kernels() -> dict[str, OnDemand]:
 
 def all_kernels() -> dict[str, OnDemand]:
     """Return all kernels, those of plug-ins included."""
-    methods = METHODS.usable()
+    methods = list(METHODS.usable())
     others = (
         each
         for m in methods

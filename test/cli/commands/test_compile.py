@@ -13,6 +13,8 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.loads.plugin_load import PluginFunction, load_on_numbers
+from rb_dynamics.motion import METHODS
+from rb_dynamics.motion.batch_kernel import mover
 from rb_dynamics.motion.plugin_kernels import PluginKernel
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES
 from rb_dynamics.numerics import compilation
@@ -39,6 +41,8 @@ def test_compiles_what_it_is_told(
 
 def test_each_kernel_has_its_own_name() -> None:
     usual, every = usual_kernels(), all_kernels()
+    of_many = {each.name for method in METHODS.usable() for each in mover(method).kernels if each is not None}
+    assert {"lanes_rk4", "one_by_one_rk4"} <= of_many <= every.keys()
 
     named = {"propagate", "strides_by_own_taylor", "_run_on_numbers_dop853", "_run_on_numbers_dlm6_with_effects"}
     assert named <= usual.keys() < every.keys()
