@@ -100,7 +100,8 @@ not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behavio
 OF_SCENE = """\
 Each actuator of the scene is commanded on `<name>/command` (`std_msgs/msg/Float64`); `wheels` has the speeds of all
 reaction wheels (`sensor_msgs/msg/JointState`), `energy/motor_work` and `energy/friction_heat` (`std_msgs/msg/Float64`,
-J) the work of their motors and the heat of their friction. Each sensor publishes on its name: [scene](scene.md#sensors).
+J) the work of their motors and the heat of their friction. Each sensor publishes on its name:
+[scene](scene.md#sensors).
 """
 
 PARAMETERS = """\

@@ -109,8 +109,7 @@ def report(
     with output.counting(title, "log", 0, len(logs)) as count:
         for row in each_of(logs, work, args.jobs):
             rows.append(row)
-            if count is not None:
-                count(len(rows), len(logs))
+            count(len(rows), len(logs))
             if not args.json:
                 cells = "".join(f"{row.cells.get(name, ''):>14}" for name in columns)
                 output.say(f"{row.verdict:6}  {row.path:{width}}{cells}  {row.detail}".rstrip())

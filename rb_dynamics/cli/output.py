@@ -1,10 +1,11 @@
-"""Print results as JSON or text, and progress on a terminal."""
+"""Print results as JSON or text, and progress: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 _FEW = 1000
 """Least number of commands that shows their rate."""
+
+_TELL_S = 10.0
+"""Least time between two lines of progress."""
 
 # Less than this part of the largest is rounding.
 _NOTHING = 1e-9
@@ -247,10 +251,24 @@ def progress(what: str) -> Iterator[Callable[[float], None] | None]:
 
 
 @contextlib.contextmanager
-def counting(what: str, unit: str, done: int, total: int) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a function of (done, total) that also shows units per second and the time left, or None as above."""
+def counting(what: str, unit: str, done: int, total: int) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function of (done, total) that also shows units per second and the time left; elsewhere by lines."""
     with _bar(desc=what, total=total, unit=unit, initial=done, smoothing=0.1) as move:
-        yield None if move is None else lambda done, _: move(done)
+        yield _lines(what, unit, done) if move is None else lambda done, _: move(done)
+
+
+def _lines(what: str, unit: str, first: int) -> Callable[[int, int], None]:
+    begun = told = time.monotonic()
+
+    def tell(done: int, total: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if first < done < total and now - told >= _TELL_S:
+            told, passed = now, now - begun
+            left = passed * (total - done) / (done - first)
+            print(f"{what}: {done} of {total} {unit}s, {passed:.0f} s passed, some {left:.0f} s left", file=sys.stderr)
+
+    return tell
 
 
 @contextlib.contextmanager

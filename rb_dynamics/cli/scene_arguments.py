@@ -20,11 +20,25 @@ if TYPE_CHECKING:
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Add the scene and `--set`."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (YAML), or a log: its scene with its commands")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5, "
-        "sensors.imu.rate=50 or effects=[]; may be repeated",
-    )  # fmt: skip
+    add_set(
+        parser,
+        "override any key of the scene, such as body.mass=2, wrenches[0].timeout=0.5, sensors.imu.rate=50 or "
+        "effects=[]; may be repeated",
+    )
+
+
+def add_set(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add `--set`, which `overrides_of` reads."""
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=meaning)
+
+
+def overrides_of(args: argparse.Namespace) -> dict[str, object]:
+    """Return the values of `--set` by key.
+
+    Raises:
+        SceneError: one cannot be read.
+    """
+    return dict(map(_override, args.set))
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +97,7 @@ def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str], bool]:
     from rb_dynamics.formats.output_file import is_log
     from rb_dynamics.scene import read_scene
 
-    overrides = dict(map(_override, args.set))
+    overrides = overrides_of(args)
     keys = {"duration": "duration", "method": "solver.method", "step": "solver.step", "accuracy": "solver.accuracy"}
     for name, key in keys.items():
         if (value := getattr(args, name, None)) is not None:

@@ -22,6 +22,17 @@ _EITHER = (("solver", "step", "accuracy"), ("initial", "linear_velocity_world", 
 """Section and keys of which it has one."""
 
 
+def merged(overrides: Mapping[str, object], later: Mapping[str, object]) -> dict[str, object]:
+    """Return both; `later` ones win, and replace what cannot stand beside them, as `apply_overrides` says."""
+    gone = {
+        f"{section}.{other}"
+        for section, one, two in _EITHER
+        for given, other in ((one, two), (two, one))
+        if f"{section}.{given}" in later
+    }
+    return {key: value for key, value in overrides.items() if key not in gone} | dict(later)
+
+
 def apply_overrides(document: Node, overrides: Mapping[str, object], problems: Problems) -> None:
     """Set each dotted key of `overrides` in `document`; keys without a place there are added to `problems`.
 

@@ -34,3 +34,17 @@ def test_an_input_is_not_written_to(tmp_path: Path) -> None:
     log.touch()
     with pytest.raises(LogError, match=r"run\.mcap"):
         output.prepare([str(log)], str(log))
+
+
+def test_without_a_terminal_a_line_tells_the_progress_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = iter([0.0, 4.0, 11.0, 15.0, 22.0, 40.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(times))
+    with output.counting("campaign.yaml", "run", 20, 100) as tell:
+        for done in (30, 40, 50, 60, 100):
+            tell(done, 100)
+    assert capsys.readouterr().err.splitlines() == [
+        "campaign.yaml: 40 of 100 runs, 11 s passed, some 33 s left",
+        "campaign.yaml: 60 of 100 runs, 22 s passed, some 22 s left",
+    ]

@@ -14,6 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_with
+from rb_dynamics.cli.scene_arguments import add_set, overrides_of
 from rb_dynamics.numerics.command_line_numbers import whole
 
 if TYPE_CHECKING:
@@ -35,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("campaign", metavar="CAMPAIGN", help="campaign file (YAML)")
     parser.add_argument("--runs", type=_POSITIVE, metavar="N", help="number of runs, instead of the campaign's")
     parser.add_argument("--seed", type=_COUNT, metavar="N", help="seed, instead of the campaign's")
+    add_set(
+        parser,
+        "override any key of the scene, such as duration=60 or actuators.wheel_x.max_torque=0.002, or of the campaign, "
+        "such as control.delay=0.1; may be repeated",
+    )
     parser.add_argument("--out", metavar="F", help="Parquet file for the rows; default: out/<name>.parquet")
     parser.add_argument("--html", metavar="F", help="page of the results; default: beside the rows (extra: plot)")
     parser.add_argument("--overwrite", action="store_true", help="start again and replace existing rows")
@@ -59,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.study.campaign.read import read_campaign
 
     require_with(args, "--mcap", bool(args.mcap), "--rerun", args.rerun is not None)
-    overrides = {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
+    overrides = overrides_of(args)
+    overrides |= {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
     campaign = read_campaign(args.campaign, overrides)
     out = Path(args.out or Path("out", f"{Path(args.campaign).stem}.parquet"))
     return _run_again(args, campaign, out) if args.rerun is not None else _run_all(args, campaign, out)
@@ -119,7 +126,8 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
 def _options(args: argparse.Namespace) -> list[str]:
     """Return the words of the command line that --rerun also needs, to repeat the same run and find its row."""
     given = {name: getattr(args, name) for name in ("runs", "seed", "out")}
-    return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+    words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+    return [*words, *(word for each in args.set for word in ("--set", each))]
 
 
 def _write_page(

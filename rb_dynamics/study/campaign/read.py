@@ -23,7 +23,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.overrides import apply_overrides
+from rb_dynamics.scene.overrides import apply_overrides, merged
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.campaign import laws
 from rb_dynamics.study.campaign.block_propagation import CHANNEL, FORCE, TORQUE, step_ns
@@ -42,6 +42,8 @@ _ROOT_KEYS = (
 )  # fmt: skip
 _CONTROL_KEYS = ("law", "rate", "delay", "through", "saturation", "bias", "noise", "parameters")
 
+_FIRST = re.compile(r"[.\[]")
+
 _COLUMNS = ("run", "seed", "passed", "error")
 
 _RUNS = Rule(
@@ -58,7 +60,9 @@ _MOST_SOBOL = 2**30
 
 
 def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
-    """Return the campaign in the YAML file `path`; `overrides` replace its own keys, such as `runs`.
+    """Return the campaign in the YAML file `path`.
+
+    `overrides` replace its own keys, such as `runs`, and keys of the scene, such as `body.mass`, as its `set` does.
 
     Raises:
         SceneError: the file or the scene it names cannot be read or is not valid; one line for each problem.
@@ -79,7 +83,11 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
             f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write "
             "a campaign with scene, runs and metrics (docs/campaigns.md)"
         )
-    apply_overrides(tree, overrides, problems)
+    of_scene = {key: value for key, value in overrides.items() if _FIRST.split(key)[0] not in _ROOT_KEYS}
+    apply_overrides(tree, {key: value for key, value in overrides.items() if key not in of_scene}, problems)
+    if of_scene and isinstance(tree.value, dict):
+        given = document.plain(tree.value["set"]) if "set" in tree.value else {}
+        apply_overrides(tree, {"set": merged(given, of_scene) if isinstance(given, dict) else given}, problems)
     if overrides:
         text = document.to_text(tree, f"{source} with overrides of {', '.join(overrides)}")
     root = Field(tree, "", problems).section(_ROOT_KEYS)

@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
@@ -480,6 +481,31 @@ def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 LAW = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"
+
+
+@pytest.mark.usefixtures("_no_page")
+def test_values_of_set_go_into_every_run_and_into_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign = write(tmp_path, CAMPAIGN.replace("runs: 24", "set: {duration: 3, solver.step: 0.025}\nruns: 24"))
+    written = CAMPAIGN.replace("runs: 24", "set: {duration: 1, solver.accuracy: 1.0e-7}\nruns: 24")
+    (tmp_path / "written.yaml").write_text(written.replace("gain: 1.0}", "gain: 1.5}"), encoding="utf-8")
+    out = tmp_path / "rows.parquet"
+    arguments = ["campaign", str(campaign), "--workers", "0", "--out", str(out)]
+    given = ["--set", "duration=1", "--set", "solver.accuracy=1e-7", "--set", "control.parameters.gain=1.5"]
+    assert main([*arguments, *given]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "--rerun" in line).strip()
+    expected = read_rows(out)
+    fly(tmp_path / "written.yaml", tmp_path / "written.parquet")
+    for name, column in read_rows(tmp_path / "written.parquet").items():
+        np.testing.assert_array_equal(column, expected[name])
+    # The command that is printed repeats the run, and other values are of another campaign.
+    assert main(shlex.split(line)[1:]) == 0
+    assert "the same as its row, to the bit" in capsys.readouterr().out
+    assert main([*arguments, *given[2:], "--set", "duration=2"]) == 2
+    assert "scene.duration is 1 there and 2 here" in capsys.readouterr().err
+    assert main([*arguments, *given]) == 0
+    for wrong, message in (("body.masss=2", "did you mean mass?"), ("duration", "expected KEY=VALUE")):
+        assert main([*arguments, "--set", wrong]) == 2
+        assert message in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("_no_page")
