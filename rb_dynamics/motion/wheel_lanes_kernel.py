@@ -90,6 +90,9 @@ _FEWEST = 2
 # of the following one; and whether it is accepted. See `_compare`.
 _FREE, _TRIED, _BELOW, _APART = range(4)
 _ALLOWED, _ERROR, _FOLLOWING, _ACCEPTED, _MARKS = range(_APART + 6, _APART + 11)
+# Numbers of `_keep_constants`.
+_KEPT = 20
+
 # The sums: of the result, and of the two estimates of its error.
 _RESULTS = 3
 
@@ -375,14 +378,16 @@ def _take_pairs(
 ) -> None:
     """Take the pair of a step of h s: write the phase at the end, with its states, and the second result."""
     # Slopes and sums of them.
-    k, t = flat(block(_SLOPES, LANES)), flat(block(_SUMS, LANES))
+    k, t, d = flat(block(_SLOPES, LANES)), flat(block(_SUMS, LANES)), flat(block(_KEPT, LANES))
+    for i in range(LANES):
+        _keep_constants(d, c, s, lane(i), h)
     for stage in range(_STAGES):
         _add_up(k, t, row, h, stage, stage, 0)
         _move_states(w, t)
         ahead, to = _NODES[stage], lane(stage * _PER_SLOPE * LANES)
         for i in range(LANES):
             o = lane(i)
-            f, place, time = _constants(c, s, o, h)
+            f, place, time = _constants(d, c, s, o, h)
             moments = (c[1, o], c[2, o], c[3, o])
             load = _LaneLoad(w[:, o], time, place, moments, f.held, acts, _attraction(e, o))
             _write_slope(k, to + o, w, o, _slope(f, ahead, _turn_of(t, 0, o), _carried_of(t, 0, o), load))
@@ -392,7 +397,7 @@ def _take_pairs(
     _end_states(w, t)
     for i in range(LANES):
         o = lane(i)
-        f, _, _ = _constants(c, s, o, h)
+        f, _, _ = _constants(d, c, s, o, h)
         _, _, high, low = phase_in(s, o)
         turns = _turn_of(t, 0, o), _turn_of(t, _PER_SUM, o), _turn_of(t, 2 * _PER_SUM, o)
         moves = _carried_of(t, 0, o), _carried_of(t, _PER_SUM, o), _carried_of(t, 2 * _PER_SUM, o)
@@ -449,13 +454,29 @@ def _attraction(e: Numbers, i: int) -> Attraction:
     return Attraction(e[1, i], (e[2, i], e[3, i], e[4, i]), e[5, i], (e[6, i], e[7, i], e[8, i]), e[9, i])
 
 
-def _constants(c: Numbers, s: Numbers, i: int, h: float) -> tuple[StepConstants, Vector, float]:
-    """Return the constants of the step of a body, its place and its time at the start."""
+def _keep_constants(d: Numbers, c: Numbers, s: Numbers, i: int, h: float) -> None:
+    """Write what every stage of the step of a body would compute anew."""
     inertia, held = constants_in(c, i)
     q, omega, high, low = phase_in(s, i)
     velocity = scale(1.0 / inertia.mass, (high[3] + low[3], high[4] + low[4], high[5] + low[5]))
-    place = (high[0] + low[0], high[1] + low[1], high[2] + low[2])
-    return step_constants(inertia, held, h, velocity, q, omega), place, high[13] + low[13]
+    f = step_constants(inertia, held, h, velocity, q, omega)
+    _write_vector(d, i, 0, f.differences)
+    _write_vector(d, i, 3, f.inverse)
+    _write_vector(d, i, 6, f.velocity)
+    _write_vector(d, i, 9, f.force_0)
+    _write_vector(d, i, 12, f.torque_0)
+    _write_vector(d, i, 15, (high[0] + low[0], high[1] + low[1], high[2] + low[2]))
+    d[i + lane(18 * LANES)], d[i + lane(19 * LANES)] = f.inverse_mass, high[13] + low[13]
+
+
+def _constants(d: Numbers, c: Numbers, s: Numbers, i: int, h: float) -> tuple[StepConstants, Vector, float]:
+    """Return the constants of the step of a body, its place and its time at the start."""
+    _, held = constants_in(c, i)
+    q, omega, _, _ = phase_in(s, i)
+    differences, inverse, velocity = _vector_of(d, 0, i), _vector_of(d, 3, i), _vector_of(d, 6, i)
+    force, torque, mass = _vector_of(d, 9, i), _vector_of(d, 12, i), _number_of(d, 18, i)
+    f = StepConstants(differences, inverse, mass, held, h, velocity, q, omega, force, torque)
+    return f, _vector_of(d, 15, i), _number_of(d, 19, i)
 
 
 def _add_up(k: Numbers, t: Numbers, weights: Numbers, h: float, row: int, stages: int, to: int) -> None:

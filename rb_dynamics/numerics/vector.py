@@ -45,12 +45,13 @@ def norm(a: Vector) -> float:
 
     Uses square roots alone, whose bits are the same everywhere; those of `math.hypot` depend on the Python version.
     """
-    square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+    square, scale_back = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], 1.0
     if square >= 1e280:
-        return math.sqrt(_square(2.0**-600, a)) * 2.0**600
-    if square <= 1e-280:
-        return math.sqrt(_square(2.0**600, a)) * 2.0**-600
-    return math.sqrt(square)
+        square, scale_back = _square(2.0**-600, a), 2.0**600
+    elif square <= 1e-280:
+        square, scale_back = _square(2.0**600, a), 2.0**-600
+    # One root for all: of vectors side by side, the compiler computes every branch.
+    return math.sqrt(square) * scale_back
 
 
 def norm_of_arrays(a: Vector) -> Any:
