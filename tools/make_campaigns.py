@@ -97,14 +97,17 @@ def spacecraft(figure: Figure) -> None:
                 (samples.time_ns / 1e9, *(float(each(samples)[0]) for each in quantities))
             ),
         )
-        color = GOOD if found["pointing"] < 0.02 else BAD
+        color, label = (GOOD, "passed") if found["pointing"] < 0.02 else (BAD, "failed")
         times, *columns = zip(*seen, strict=True)
         for axes, column in zip(panels, columns, strict=True):
-            axes.plot(times, column, color=color, linewidth=1.2)
-    panels[0].axhline(0.02, color=GREY, linestyle="--", linewidth=1.0)
+            told = label not in axes.get_legend_handles_labels()[1]
+            axes.plot(times, column, color=color, linewidth=1.2, label=label if told else None)
+    panels[0].axhline(0.02, color=GREY, linestyle="--", linewidth=1.0, label="required at the end")
     panels[0].set(xlabel="time [s]", ylabel="angle from the target [rad]", yscale="log")
-    panels[1].axhline(600.0, color=GREY, linestyle="--", linewidth=1.0)
-    panels[1].set(xlabel="time [s]", ylabel="fastest wheel [rad/s]")
+    panels[1].axhline(600.0, color=GREY, linestyle="--", linewidth=1.0, label="max_speed")
+    panels[1].set(xlabel="time [s]", ylabel="fastest wheel [rad/s]", ylim=(-20.0, 800.0))
+    for axes, place in zip(panels, ("lower left", "upper right"), strict=True):
+        axes.legend(loc=place, fontsize=8.0, ncols=1 if place == "lower left" else 3)
 
 
 def cost(figure: Figure) -> None:

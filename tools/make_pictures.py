@@ -58,8 +58,8 @@ def main() -> None:
         save(viewed(demo, DEMO_S), "demo.png")
         save(viewed(rrd, FLIP_S), "flip.png")
         write_run_report(mcap, page)
-        # The facts of the run are left out, so that figures come into view.
-        page.write_text(page.read_text().replace("</head>", "<style>#section-2 { display: none }</style></head>"))
+        # The facts of the run are left out, so that figures come into view, and the bar that floats above the text.
+        page.write_text(page.read_text().replace("</head>", "<style>#section-2, .bar { display: none }</style></head>"))
         save(browsed(page, Path(folder) / "page.png"), "report.png")
         make_video(mcap, Path(folder) / "flip.gif")
 
