@@ -44,6 +44,7 @@ from rb_dynamics.numerics.argument_checks import items, shown, whole_number
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides
 from rb_dynamics.scene.read import opened, scene_of, with_true_text
+from rb_dynamics.sensors.imu import Imu
 
 GROUPS = (
     "mass", "center_of_mass", "inertia", "inertia_ratios", "initial", "gyro_bias", "gyro_scale", "gyro_alignment",
@@ -891,6 +892,13 @@ class _Report:
             overrides[name] = kept if len(kept) > 1 else kept[0]
         state, _ = self.model.start_of(self.z, 0)
         layout = self.model.layout
+        along = ("", scene.frames.body_frame)
+        gyros = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and each.frame in along]
+        streams = [(number, each) for number, flight in enumerate(self.model.flights) for each in flight.streams]
+        biases = [f"gyro_bias[{number}].{each.topic}" for number, each in streams if each.gyro]
+        # Of several, it cannot be told whose it is.
+        if len(gyros) == len(biases) == 1 and biases[0] in layout and self._told(biases[0]):
+            overrides[f"sensors[{gyros[0]}].gyro.bias"] = layout[biases[0]].values(self.z).tolist()
         overrides["initial.orientation"] = dict(
             zip("xyzw", (state[:4] / np.linalg.norm(state[:4])).tolist(), strict=True)
         )
@@ -913,8 +921,12 @@ def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Sce
     }
     start["orientation_xyzw"] = tuple(overrides["initial.orientation"][axis] for axis in "xyzw")
     del start["orientation"]
-    effects = list(scene.effects)
+    effects, sensors = list(scene.effects), list(scene.sensors)
     for key, value in overrides.items():
+        if key.startswith("sensors["):
+            place = int(key.removeprefix("sensors[").partition("]")[0])
+            imu = cast("Imu", sensors[place])
+            sensors[place] = replace(imu, gyro=replace(imu.gyro, bias=tuple(value)))
         if key.startswith("effects["):
             number, _, name = key.removeprefix("effects[").partition("].")
             given = tuple(value) if isinstance(value, list) else value
@@ -929,7 +941,8 @@ def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Sce
                 name, given = "entries", tuple(entries)
             effects[int(number)] = replace(effect, **{name: given})  # type: ignore[type-var]
     state = replace(scene.initial, **start)
-    return with_true_text(replace(scene, body=body, initial=state, effects=tuple(effects), text=""))
+    changed = replace(scene, body=body, initial=state, effects=tuple(effects), sensors=tuple(sensors), text="")
+    return with_true_text(changed)
 
 
 def _coordinate(name: str, k: int, block: Any) -> str:

@@ -474,3 +474,21 @@ effects: [{type: central_gravity, gravitational_parameter: 10}]
     assert found.standard_error is not None
     assert 0.5 * found.value < found.standard_error
     assert abs(found.value - 0.5) < 3.0 * found.standard_error
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_bias_of_the_only_gyro_is_that_of_the_sensor_in_the_scene(count: int) -> None:
+    random = np.random.default_rng(5)
+    body, bias = random_body(random), np.array([0.02, -0.01, 0.03])
+    names = ["imu", "spare"][:count]
+    sensors = "\n".join(f"  - {{type: imu, name: {name}, rate: 50, gyro: {{bias: [1, 1, 1]}}}}" for name in names)
+    scene = parse_scene(f"{guess(body).text}wrenches: []\nsensors:\n{sensors}\n")
+    flight = flown(body, random, torque=1.0, bias=bias)
+
+    for one in (scene, replace(scene, seed=7)):
+        found = identify(one, [flight], ["inertia_ratios", "gyro_bias"], starts=1)
+        within(found, "gyro_bias", bias)
+        fitted_bias = tuple(each.value for each in found.parameters if each.name.startswith("gyro_bias"))
+        # Of several it cannot be told whose it is.
+        expected = fitted_bias if count == 1 else (1.0, 1.0, 1.0)
+        assert [each.gyro.bias for each in found.scene.sensors] == [expected] * count
