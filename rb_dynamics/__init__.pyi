@@ -42,6 +42,7 @@ from rb_dynamics.loads.wrench import Wrench as Wrench
 from rb_dynamics.loads.wrench import WrenchFrames as WrenchFrames
 from rb_dynamics.loads.wrench_channels import AppliedWrench as AppliedWrench
 from rb_dynamics.loads.wrench_channels import Channel as Channel
+from rb_dynamics.loads.wrench_command_arrays import Wrenches as Wrenches
 from rb_dynamics.motion import METHODS as METHODS
 from rb_dynamics.motion.free_motion import FreeMotion as FreeMotion
 from rb_dynamics.motion.free_motion import free_motion as free_motion

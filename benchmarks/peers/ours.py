@@ -124,14 +124,12 @@ def _simulate(problem: Problem) -> Callable[[float], Run]:
     return prepare
 
 
-def _commands(problem: Problem) -> list[tuple[str, rb.Wrench]]:
-    found = []
-    for k in range(problem.holds):
-        at = round(k * problem.hold * 1e9)
-        force, torque, world = (a[k].tolist() for a in (problem.force_body, problem.torque_body, problem.force_world))
-        found.append(("thrusters", rb.Wrench(tuple(force), tuple(torque), "body", at)))
-        found.append(("environment", rb.Wrench(tuple(world), frame_id="world", stamp_ns=at)))
-    return found
+def _commands(problem: Problem) -> list[tuple[str, rb.Wrenches]]:
+    times = round(problem.hold * 1e9) * np.arange(problem.holds)
+    return [
+        ("thrusters", rb.Wrenches(problem.force_body, problem.torque_body, "body", times)),
+        ("environment", rb.Wrenches(problem.force_world, frame_id="world", stamp_ns=times)),
+    ]
 
 
 def kernels(problem: Problem, h: float, n: int) -> dict[str, Callable[[], Callable[[], np.ndarray]]]:

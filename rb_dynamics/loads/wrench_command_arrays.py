@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, components, held_of
+from rb_dynamics.numerics.argument_checks import as_array, instance, vectors
 from rb_dynamics.numerics.distinct import distinct
+from rb_dynamics.numerics.vector import ZERO
 
 if TYPE_CHECKING:
     import numpy as np
@@ -130,6 +133,78 @@ class CommandBatch(NamedTuple):
         return CommandBatch(*[*columns, self.frame_ids, self.received.some(rows)])
 
 
+@dataclass(frozen=True, eq=False)
+class Wrenches:
+    """Commands on one channel as arrays: n times `Wrench`.
+
+    Attributes:
+        force: (n, 3) or (3,) for all, N, in the axes of `frame_id`.
+        torque: (n, 3) or (3,) for all, N m, in the axes of `frame_id`.
+        frame_id: as in `Wrench`.
+        stamp_ns: (n,), integer nanoseconds.
+    """
+
+    force: npt.ArrayLike = ZERO
+    torque: npt.ArrayLike = ZERO
+    frame_id: str = ""
+    stamp_ns: npt.ArrayLike = (0,)
+
+    def __post_init__(self) -> None:
+        """Copy the arguments; invalid numbers are rejected only when the command would take effect.
+
+        Raises:
+            TypeError: an array is not one of numbers, a stamp is not a whole number, or frame_id is not text.
+            ValueError: a shape is not as above.
+        """
+        import numpy as np
+
+        instance(self.frame_id, str, "wrenches frame_id", "write the name of a frame")
+        times = as_array(self.stamp_ns, "wrenches stamp_ns", "whole numbers (n,)", None)
+        if times.ndim != 1 or times.dtype.kind != "i":
+            raise TypeError(
+                f"wrenches stamp_ns has shape {times.shape} and type {times.dtype}, expected whole numbers (n,); give "
+                "nanoseconds"
+            )
+        object.__setattr__(self, "stamp_ns", times.astype(np.int64))
+        for name in ("force", "torque"):
+            given = vectors(getattr(self, name), f"wrenches {name}")
+            if given.shape not in ((3,), (len(times), 3)):
+                raise ValueError(f"wrenches {name} has shape {given.shape}, expected ({len(times)}, 3) or (3,)")
+            object.__setattr__(self, name, np.broadcast_to(given, (len(times), 3)).copy())
+
+    def __call__(self, row: int) -> Wrench:
+        """Return one of them."""
+        force, torque, times = self._columns
+        (fx, fy, fz), (tx, ty, tz) = force[row].tolist(), torque[row].tolist()
+        return Wrench((fx, fy, fz), (tx, ty, tz), self.frame_id, int(times[row]))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._columns[2])
+
+    def __iter__(self) -> Iterator[Wrench]:
+        """Yield them one by one."""
+        return map(self, range(len(self)))
+
+    def messages(self, rows: Whole) -> list[bytes | None]:
+        """Return None for each row: see `Commands`."""
+        return [None] * len(rows)
+
+    @property
+    def _columns(self) -> tuple[Numbers, Numbers, Whole]:
+        return cast("tuple[Numbers, Numbers, Whole]", (self.force, self.torque, self.stamp_ns))
+
+    def batch(self, channel: int, place: int = 0) -> CommandBatch:
+        """Return them as commands on a channel, which arrive after those of a lower `place`."""
+        import numpy as np
+
+        force, torque, times = self._columns
+        rows = np.arange(len(times))
+        received, wrench = Received((self,), 0 * rows, rows), np.hstack([force, torque])
+        arrival = np.column_stack([0 * rows + place, 0 * rows, rows])
+        return CommandBatch(times, times, 0 * rows + channel, arrival, wrench, 0 * rows, [self.frame_id], received)
+
+
 class _Listed(NamedTuple):
     wrenches: Sequence[Wrench]
 
@@ -140,20 +215,27 @@ class _Listed(NamedTuple):
         return [self.wrenches[row].message for row in rows.tolist()]
 
 
-def listed(channels: Sequence[int], wrenches: Sequence[Wrench], times_ns: Sequence[int]) -> CommandBatch:
-    """Return commands (numbers of their channels, wrenches, times of effect) in the order in which they arrived."""
+def listed(channels: Sequence[int], wrenches: Sequence[Wrench]) -> CommandBatch:
+    """Return commands (numbers of their channels, wrenches) in the order in which they arrived."""
     import numpy as np
 
-    rows, names = np.arange(len(wrenches)), sorted({wrench.frame_id for wrench in wrenches})
+    wrenches = all_with_floats(wrenches)
+    rows, names = np.arange(len(wrenches)), sorted({*map(attrgetter("frame_id"), wrenches)})
     numbers = {name: number for number, name in enumerate(names)}
-    components = chain.from_iterable(n for wrench in wrenches for n in (wrench.force, wrench.torque))
+    frames = map(numbers.__getitem__, map(attrgetter("frame_id"), wrenches))
+    stamps = [*map(attrgetter("stamp_ns"), wrenches)]
+    try:
+        stamps_ns = np.array(stamps, dtype=np.int64)
+    except OverflowError:
+        # Before or after any run.
+        stamps_ns = np.array([min(max(stamp, -(2**62)), 2**62) for stamp in stamps], dtype=np.int64)
     return CommandBatch(
-        np.array(times_ns, dtype=np.int64),
-        np.array([wrench.stamp_ns for wrench in wrenches], dtype=np.int64),
+        stamps_ns,
+        stamps_ns,
         np.array(channels, dtype=np.int64),
         np.column_stack([0 * rows, 0 * rows, rows]),
-        np.fromiter(components, dtype=np.float64, count=6 * len(wrenches)).reshape(-1, 6),
-        np.array([numbers[wrench.frame_id] for wrench in wrenches], dtype=np.int64),
+        np.fromiter(components(wrenches), dtype=np.float64, count=6 * len(wrenches)).reshape(-1, 6),
+        np.fromiter(frames, dtype=np.int64, count=len(wrenches)),
         names,
         Received((_Listed(wrenches),), np.zeros_like(rows), rows),
     )
@@ -184,6 +266,10 @@ class CommandTable(NamedTuple):
     def received(self) -> Received:
         """The commands themselves."""
         return self.came.received
+
+    def before(self, row: int) -> CommandTable:
+        """Return the commands before `row`."""
+        return CommandTable(self.came.some(slice(row)), self.held[:row])
 
     @classmethod
     def empty(cls) -> CommandTable:

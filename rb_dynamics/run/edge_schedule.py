@@ -22,7 +22,7 @@ FEWEST = 8
 """Least number of edges for which a call of the kernel pays."""
 
 # Number of edges looked up at once.
-_MANY = 1_000
+_MANY = 4_000
 
 
 class EdgeSchedule:

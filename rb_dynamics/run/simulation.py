@@ -11,7 +11,7 @@ import logging
 import math
 import os
 import time
-from bisect import bisect_right, insort
+from bisect import insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ from rb_dynamics.loads.gradual_wrench import Transient, TransientLoad
 from rb_dynamics.loads.reaction_wheel import NEAR_LIMIT
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import WheelLoad, WheelSet
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, held_of
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, held_of
 from rb_dynamics.loads.wrench_channels import (
     AppliedWrench,
     CheckedWrench,
@@ -38,7 +38,7 @@ from rb_dynamics.loads.wrench_channels import (
     RejectedWrench,
     WrenchChannels,
 )
-from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Wrenches, listed
 from rb_dynamics.motion import array_steps
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
@@ -81,6 +81,9 @@ if TYPE_CHECKING:
 
 Command = tuple[str, "Wrench | Setpoint"]
 """A topic and what is commanded on it."""
+
+Commands = Command | tuple[str, Wrenches]
+"""The same, or many commands on one topic."""
 
 _logger = logging.getLogger(__name__)
 
@@ -510,49 +513,29 @@ class Simulation:
         """
         end_ns = math.inf if self.end_ns is None else self.end_ns
         first, last = batch.time_ns.searchsorted((self._computed_ns, end_ns), side="right").tolist()
-        table, others = self._channels.regular(batch.some(slice(first, last)))
+        table, others = self._channels.regular(batch.some(slice(first, None)))
         rejected = []
         for row in (*range(first), *(others + first).tolist()):
-            wrench, topic = batch.received(row), self.scene.channels[int(batch.channel[row])].topic
-            time_ns = int(batch.time_ns[row])
-            try:
-                self.post(topic, wrench, time_ns)
-            except WrenchError as error:
-                rejected.append(_rejection(topic, time_ns, error))
-        self._channels.extend(table)
+            topic, time_ns = self.scene.channels[int(batch.channel[row])].topic, int(batch.time_ns[row])
+            rejected += self.try_post(topic, batch.received(row), time_ns)
+        self._channels.extend(table.before(last - first - int(others.searchsorted(last - first))))
         self._edge_schedule.forget()
         return rejected
 
-    def post_in_order(self, commands: Sequence[tuple[str, Wrench]]) -> list[str]:
-        """Let each command take effect at its stamp as `post` does; return why some do not.
+    def try_post(self, topic: str, command: Wrench | Setpoint, time_ns: int) -> list[str]:
+        """Let a command take effect as `post` and `actuate` do; return the reason if it is rejected."""
+        try:
+            if isinstance(command, Setpoint):
+                self.actuate(topic, command.value, time_ns)
+            else:
+                self.post(topic, command, time_ns)
+        except WrenchError as error:
+            return [f"{topic} at simulation time {time_ns / NANOSECONDS:.9f} s: {error}"]
+        return []
 
-        The commands are in order of their stamps, none earlier than one posted before.
-        """
-        topics = {topic for topic, _ in commands}
-        numbers = {topic: number for topic in topics if (number := self._channels.number(topic)) is not None}
-        times_ns = [wrench.stamp_ns for _, wrench in commands]
-        end_ns = math.inf if self.end_ns is None else self.end_ns
-        first, last = bisect_right(times_ns, self._computed_ns), bisect_right(times_ns, end_ns)
-        # For a few, arrays do not pay.
-        if len(commands) < FEWEST:
-            first = last = len(commands)
-        known = [each for each in commands[first:last] if each[0] in numbers]
-        others = [each for each in commands[first:last] if each[0] not in numbers]
-        rejected = self._post_each((*commands[:first], *others))
-        if known:
-            channels, wrenches = [numbers[topic] for topic, _ in known], [wrench for _, wrench in known]
-            stamps_ns = [wrench.stamp_ns for wrench in wrenches]
-            rejected += self.post_batch(listed(channels, all_with_floats(wrenches), stamps_ns))
-        return rejected + self._post_each(commands[last:])
-
-    def _post_each(self, commands: Iterable[tuple[str, Wrench]]) -> list[str]:
-        rejected = []
-        for topic, wrench in commands:
-            try:
-                self.post(topic, wrench, wrench.stamp_ns)
-            except WrenchError as error:
-                rejected.append(_rejection(topic, wrench.stamp_ns, error))
-        return rejected
+    def number_of(self, topic: str) -> int | None:
+        """Return the number of the channel `topic` in the order of the scene; None if there is none."""
+        return self._channels.number(topic)
 
     def hasten(self, by_ns: int | None) -> list[str]:
         """Let pending commands that have a stamp act this much sooner, None: never; return the channels of these.
@@ -1160,18 +1143,18 @@ class Run:
 
 def simulate(
     scene: Scene | str | os.PathLike[str],
-    commands: Iterable[Command] = (),
+    commands: Iterable[Commands] = (),
     sinks: Sequence[Sink] = (),
     progress: Callable[[float], None] | None = None,
     facts: Mapping[str, str] | None = None,
 ) -> Run:
     """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
 
-    A command stamped before 0 counts as given at 0.
+    A command stamped before 0 counts as given at 0. `Wrenches` in place of a wrench is many commands, as arrays.
 
     Args:
         scene: the scene to simulate, or its file; its `duration` must be given.
-        commands: wrench commands for the scene's channels. Those after the end have no effect; rejected ones are named
+        commands: for the scene's channels and actuators. Those after the end have no effect; rejected ones are named
             in the result, as in the node. A sequence may be in any order. Any other iterable is read during the run,
             `LOOK_AHEAD` commands ahead, and not kept.
         sinks: receive the events of the run.
@@ -1229,25 +1212,61 @@ def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> It
         yield run.end_ns
 
 
+def _post_sequence(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> Iterator[int]:
+    """As `_post_ahead`, for commands in any order."""
+    rest = _arranged(run, commands if _are_plain(commands) else [*each_command(commands)], rejected)
+    while rest is not None and (count := len(rest.time_ns)):
+        # Those of one time together, so that they keep their order of arrival.
+        last_ns = int(rest.time_ns[min(_AT_ONCE, count) - 1])
+        last = int(rest.time_ns.searchsorted(last_ns, side="right"))
+        rejected += run.post_batch(rest.some(slice(last)))
+        rest = rest.some(slice(last, None))
+        if last < count and last_ns > 0 and not run.ended:
+            yield last_ns
+    if run.end_ns is not None:
+        yield run.end_ns
+
+
 def _stamp_ns(command: Command) -> int:
     return command[1].stamp_ns
 
 
-def as_command(command: object) -> Command:
-    """Return `command`.
+def each_command(commands: Iterable[object]) -> Iterator[Command]:
+    """Yield `commands` one by one, those of `Wrenches` too.
 
     Raises:
-        TypeError: it is not a pair of a topic and a wrench or a setpoint.
+        TypeError: one is not a pair of a topic and a wrench or a setpoint.
     """
-    if isinstance(command, (tuple, list)) and len(command) == 2:
+    for command in commands:
+        if not (isinstance(command, (tuple, list)) and len(command) == 2 and isinstance(command[0], str)):
+            raise _not_a_command(command)
         topic, wrench = command
-        if isinstance(topic, str) and isinstance(wrench, (Wrench, Setpoint)):
+        if isinstance(wrench, Wrenches):
+            yield from ((topic, each) for each in wrench)
+        elif isinstance(wrench, (Wrench, Setpoint)):
             if type(wrench.stamp_ns) is not int:
                 whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
             # Not copied, because a run may have a million.
-            return command if isinstance(command, tuple) else (topic, wrench)
-    raise TypeError(
-        f"commands has {shown(command)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
+            yield command if isinstance(command, tuple) else (topic, wrench)
+        else:
+            raise _not_a_command(command)
+
+
+def _not_a_command(found: object) -> TypeError:
+    return TypeError(
+        f"commands has {shown(found)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
+    )
+
+
+def _are_plain(commands: Sequence[object]) -> bool:
+    """Return whether all are pairs of a topic and a `Wrench` with a stamp, or `Wrenches`: fast, for a million."""
+    pairs = cast("Sequence[Commands]", commands)
+    if {*map(type, pairs)} != {tuple} or {*map(len, pairs)} != {2}:
+        return False
+    topics, wrenches = {type(topic) for topic, _ in pairs}, [wrench for _, wrench in pairs]
+    kinds = {*map(type, wrenches)}
+    return topics == {str} and (
+        kinds == {Wrenches} or (kinds == {Wrench} and {*map(type, map(attrgetter("stamp_ns"), wrenches))} == {int})
     )
 
 
@@ -1263,10 +1282,6 @@ def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
     return rejected
 
 
-def _rejection(topic: str, time_ns: int, error: WrenchError) -> str:
-    return f"{topic} at simulation time {time_ns / NANOSECONDS:.9f} s: {error}"
-
-
 LOOK_AHEAD = 1000
 """Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
 
@@ -1274,25 +1289,19 @@ LOOK_AHEAD = 1000
 _AT_ONCE = 16_000
 
 
-def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str]) -> Iterator[int]:
+def _post_ahead(run: Simulation, commands: Iterable[Commands], rejected: list[str]) -> Iterator[int]:
     """Post commands; yield repeatedly the time (ns) until which all have been posted, and finally the end."""
     if hasattr(commands, "batches"):
         yield from _post_batches(run, cast("Batches", commands), rejected)
         return
     if isinstance(commands, Sequence):
-        ordered = sorted(map(as_command, commands), key=_stamp_ns)
-        for first in range(0, len(ordered), _AT_ONCE):
-            if first > 0 and (known_ns := _stamp_ns(ordered[first]) - 1) > 0 and not run.ended:
-                yield known_ns
-            rejected += _post(run, ordered[first : first + _AT_ONCE])
-        if run.end_ns is not None:
-            yield run.end_ns
+        yield from _post_sequence(run, commands, rejected)
         return
     if not isinstance(commands, Iterable):
         raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
     known_ns, newest_ns = -1, 0
     waiting: list[Command] = []
-    for topic, command in map(as_command, commands):
+    for topic, command in each_command(commands):
         stamp_ns = command.stamp_ns
         if stamp_ns > newest_ns:
             if len(waiting) >= LOOK_AHEAD and not run.ended:
@@ -1314,12 +1323,24 @@ def _post_ahead(run: Simulation, commands: Iterable[Command], rejected: list[str
 def _post(run: Simulation, commands: Sequence[Command]) -> list[str]:
     """Post commands that may be in any order; return the reason for each rejected one."""
     rejected: list[str] = []
-    ordered = sorted(commands, key=_stamp_ns)
-    for topic, command in ordered:
-        if isinstance(command, Setpoint):
-            try:
-                run.actuate(topic, command.value, command.stamp_ns)
-            except WrenchError as error:
-                rejected.append(_rejection(topic, command.stamp_ns, error))
-    wrenches = [each for each in ordered if isinstance(each[1], Wrench)]
-    return rejected + run.post_in_order(cast("list[tuple[str, Wrench]]", wrenches))
+    batch = _arranged(run, commands, rejected)
+    return rejected if batch is None else rejected + run.post_batch(batch)
+
+
+def _arranged(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> CommandBatch | None:
+    """Post those for which arrays do not pay: setpoints, commands without a channel, a few; return the others."""
+    topics, kinds = {topic for topic, _ in commands}, {type(command) for _, command in commands}
+    numbers = {topic: number for topic in topics if (number := run.number_of(topic)) is not None}
+    few = sum(len(each) if isinstance(each, Wrenches) else 1 for _, each in commands[:FEWEST]) < FEWEST
+    if few or len(numbers) < len(topics) or Setpoint in kinds:
+        apart = [each for each in commands if few or each[0] not in numbers or isinstance(each[1], Setpoint)]
+        for topic, command in sorted(each_command(apart), key=_stamp_ns):
+            rejected += run.try_post(topic, command, command.stamp_ns)
+        if few:
+            return None
+        commands = [each for each in commands if each[0] in numbers and not isinstance(each[1], Setpoint)]
+    channels, wrenches = [numbers[topic] for topic, _ in commands], [each for _, each in commands]
+    if wrenches and isinstance(wrenches[0], Wrenches):
+        many = zip(cast("list[Wrenches]", wrenches), channels, strict=True)
+        return CommandBatch.of([each.batch(channel, place) for place, (each, channel) in enumerate(many)])
+    return CommandBatch.of([listed(channels, cast("list[Wrench]", wrenches))])

@@ -27,7 +27,7 @@ from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
 from rb_dynamics.run.plan import OPEN_END_HORIZON
 from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
-from rb_dynamics.run.simulation import Command, Simulation, as_command, post_all, without_outputs
+from rb_dynamics.run.simulation import Command, Simulation, each_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.study.stopwatch import Stopwatch
@@ -176,7 +176,7 @@ def explain(
         ConvergenceError: the scene cannot be run with its solver.
     """
     scene = opened(scene)
-    commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
+    commands = [*each_command(items(commands, "commands", "(topic, wrench) pairs"))]
     number(budget, "budget", "a finite number greater than 0 (s)", above=0.0)
     length = measured_length(scene)
     given, (commands, remarks) = commands, probed(scene, commands, length)

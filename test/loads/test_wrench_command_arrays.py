@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames, held_of
 from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel, WrenchChannels
-from rb_dynamics.loads.wrench_command_arrays import CommandBatch, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Wrenches, listed
 
 BODY = RigidBody.from_matrix(2.0, np.diag([1.0, 2.0, 2.5]), center_of_mass=(0.1, -0.2, 0.3))
 FRAMES = WrenchFrames(fixed={"nozzle": FixedFrame((0.5, 0.1, -0.3), (0.5, -0.5, 0.5, 0.5))}).of(BODY)
@@ -33,7 +35,7 @@ _commands = st.lists(
 
 def _batch(commands: Sequence[tuple[int, int, tuple[float, ...], str]]) -> CommandBatch:
     wrenches = [Wrench(n[:3], n[3:], frame, time) for time, _, n, frame in commands]  # type: ignore[arg-type]
-    return listed([channel for _, channel, *_ in commands], wrenches, [time for time, *_ in commands])
+    return listed([channel for _, channel, *_ in commands], wrenches)
 
 
 def _changes(channels: WrenchChannels, until_ns: int) -> list[tuple[int, object]]:
@@ -100,3 +102,33 @@ def test_a_particle_takes_no_torque_from_arrays_either() -> None:
     assert channels.regular(CommandBatch.of([_batch(commands)]))[1].tolist() == [0]
     with pytest.raises(WrenchError):
         channels.check("a", Wrench((1.0, 0.0, 0.0), (0.1, 0.0, 0.0))).require()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found", "error"),
+    [
+        ({"stamp_ns": [0.0, 1.0]}, "stamp_ns has shape (2,) and type float64", TypeError),
+        ({"stamp_ns": 7}, "stamp_ns has shape ()", TypeError),
+        (
+            {"force": np.zeros((3, 3)), "stamp_ns": [0, 1]},
+            "force has shape (3, 3), expected (2, 3)",
+            ValueError,
+        ),
+        ({"torque": [[1.0, 2.0]]}, "torque has the shape (1, 2)", ValueError),
+        ({"force": "strong"}, "force is 'strong'", TypeError),
+        ({"frame_id": 3}, "frame_id is 3", TypeError),
+    ],
+)
+def test_arrays_of_wrenches_that_do_not_fit_are_refused(
+    arguments: dict[str, Any], found: str, error: type[Exception]
+) -> None:
+    with pytest.raises(error, match=re.escape(f"wrenches {found}")):
+        Wrenches(**arguments)
+
+
+def test_arrays_of_wrenches_keep_copies() -> None:
+    forces, times = np.ones((2, 3)), np.arange(2)
+    wrenches = Wrenches(forces, stamp_ns=times)
+    forces[:], times[:] = 5.0, 5
+
+    assert list(wrenches) == [Wrench((1.0, 1.0, 1.0), stamp_ns=k) for k in range(2)]

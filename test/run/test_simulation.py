@@ -19,6 +19,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel
+from rb_dynamics.loads.wrench_command_arrays import Wrenches
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.sample import Sample
 from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
@@ -298,6 +299,31 @@ class TestCommands:
 
         assert len(told[0][-1]) == 2
         assert all(each == told[0] for each in told)
+
+    @pytest.mark.parametrize("at_once", [1, 3, 1000])
+    def test_as_arrays_give_the_bits_of_single_ones(self, at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        """In any order, of the past, for after the end, not finite, in a frame or on a channel that is not there."""
+        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "_AT_ONCE", at_once)
+        random = np.random.default_rng(3)
+        times = np.append(random.permutation(17) * 100_000_000, [-5, 500_000_000, END, END + 1])
+        forces = random.normal(size=(len(times), 3))
+        forces[[2, -1]] = math.nan
+        arrays = [
+            ("body", Wrenches(forces, (0.0, 0.1, 0.0), "body", times)),
+            ("world", Wrenches(torque=0.1 * forces, frame_id="world", stamp_ns=times + 1)),
+            ("body", Wrenches(forces[:2], frame_id="nowhere", stamp_ns=times[:2])),
+            ("nobody", Wrenches(forces[:2], stamp_ns=times[:2])),
+        ]
+        each, told = [(topic, wrench) for topic, wrenches in arrays for wrench in wrenches], []
+        for commands in (arrays, each, iter(sorted(each, key=_stamp))):
+            recorder = Recorder()
+            run = simulate(driven(SOLVERS["accuracy"]), commands, [recorder])
+            # As text, in which NaN is NaN.
+            told.append((recorder.events, str(recorder.events), run.sample, run.steps, sorted(run.rejected)))
+
+        assert [each[1:] == told[0][1:] for each in told] == 3 * [True]
+        assert len(told[0][-1]) == 8
+        assert sum(isinstance(event, AppliedWrench) for event in told[0][0]) > 30
 
     def test_are_read_as_the_run_goes_on(self) -> None:
         read = [0]

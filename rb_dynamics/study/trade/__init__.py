@@ -15,7 +15,7 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.run.plan import cannot_take
-from rb_dynamics.run.simulation import Command, as_command
+from rb_dynamics.run.simulation import Command, each_command
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.study.explain import fixed_costs, measured_length, probed
@@ -76,7 +76,7 @@ def trade(
         ConvergenceError: no two methods can run the scene in the time available.
     """
     scene = opened(scene)
-    commands = list(map(as_command, items(commands, "commands", "(topic, wrench) pairs")))
+    commands = [*each_command(items(commands, "commands", "(topic, wrench) pairs"))]
     number(time_s, "time_s", "a finite number greater than 0 (s)", above=0.0)
     for name, wish in (("target", target), ("budget", budget)):
         if wish is not None:
