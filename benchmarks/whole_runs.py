@@ -44,8 +44,10 @@ ROWS = 19
 """Of one output in Rerun, each an entity at a time."""
 PLAIN = "simulate SCENE --wrench BAG"
 FLOOR = "`simulate` of a coast, one output: what the start takes"
+IMPORTS = "imports alone: numpy, llvmlite, simulation, reading of bags"
 COMMANDS = {
     FLOOR: ["simulate", "coast.yaml"],
+    IMPORTS: ["-c", "import numpy, llvmlite.binding, rb_dynamics.run.simulation, rb_dynamics.logs.wrench_bags"],
     PLAIN: ["simulate", "scene.yaml", "--wrench", "bag.mcap"],
     "the same, `--mcap`": ["simulate", "scene.yaml", "--wrench", "bag.mcap", "--mcap", "run.mcap"],
     "the same, `--mcap` and `--rerun`": [
@@ -86,7 +88,7 @@ def spent(arguments: list[str], folder: Path, **environment: str) -> float:
 
 def used(arguments: list[str], folder: Path, **environment: str) -> tuple[float, float]:
     """Return processor time (s) and peak memory (MB) of the command line, in a process of its own."""
-    command = [sys.executable, "-m", "rb_dynamics", *arguments]
+    command = [sys.executable, *([] if arguments[0] == "-c" else ["-m", "rb_dynamics"]), *arguments]
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     around = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "", **environment}
     with subprocess.Popen(command, cwd=folder, env=around, stdout=subprocess.DEVNULL) as process:
@@ -187,11 +189,23 @@ def page(
     if others:
         listed = ", ".join(f"{name} {1e3 * seconds:.0f} ms" for name, seconds in others.items())
         text += f"\nOther programs, for the integration alone, without scene, bag and outputs: {listed}.\n"
+    imports = median(found[IMPORTS])
+    text += (
+        f"\nImports take {imports:.2f} s, {imports / median(found[PLAIN]):.0%} of the run: that is what keeps a whole "
+        "command from the time of an integration. In one process, with commands as arrays, `simulate` takes what "
+        "[benchmarks](benchmarks.md) show.\n"
+    )
     text += (
         "\n## An hour of commands\n\nThe same forces and torques in body axes again and again, 100 a second, to 1e-6 "
         "rad: `simulate SCENE --wrench BAG --mcap LOG`, one run each. Memory is the peak of the process.\n\n"
     )
     text += table(["simulated", "processor time", "times real time", "memory"], long)
+    few, many = (1e6 * float(row[1].split()[0]) / (100 * HOUR) for row in long[2:])
+    text += (
+        f"\nA command takes {few:.1f} us in all: it is read twice (to find out about the bag, and for the run), moved "
+        f"by, hashed, logged as received and as it acts. An output takes {many - few:.1f} us more. 3000 times real "
+        f"time would be {1e6 / (3000 * 100):.1f} us for both.\n"
+    )
     text += (
         f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole "
         "command, and the rate beyond that of the same command without a log.\n\n"

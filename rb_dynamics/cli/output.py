@@ -16,12 +16,9 @@ if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
     from rb_dynamics.report.html import Report
-    from rb_dynamics.run.simulation import Command, Run
+    from rb_dynamics.run.simulation import Run
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.study.covariance import Covariance
-
-_FEW = 1000
-"""Least number of commands that shows their rate."""
 
 _TELL_S = 10.0
 """Least time between two lines of progress."""
@@ -184,13 +181,11 @@ def note_remarks(scene: Scene) -> None:
 
 def note_run(run: Run, scene: Scene, commands: RecordedWrenches | list[tuple[str, Wrench]]) -> None:
     """Note on stderr what came near its limit, and commands that come too slowly, by the first of them."""
-    from itertools import islice
-
     from rb_dynamics.numerics.vector import norm
     from rb_dynamics.run.scene_remarks import command_remarks
 
-    first: list[Command] = list(islice(commands, _FEW))
-    first += [] if isinstance(commands, list) else commands.setpoints
+    one_by_one, first = (commands, []) if isinstance(commands, list) else (commands.setpoints, commands.first_stamps)
+    first += ((topic, command.stamp_ns) for topic, command in one_by_one)
     rate = max(norm(scene.initial.angular_velocity_body), norm(run.sample.angular_velocity_body))
     for remark in (*run.remarks, *command_remarks(first, rate)):
         print(f"note: {remark}", file=sys.stderr)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -164,36 +164,41 @@ class McapWriter:
             self.end_chunk()
 
     def add_pieces(
-        self, pieces: Sequence[bytes], log_times: npt.NDArray[np.int64], messages: Iterable[InPieces]
+        self,
+        data: bytes,
+        ends: npt.NDArray[np.int64],
+        log_times: npt.NDArray[np.int64],
+        messages: Iterable[InPieces],
     ) -> Iterator[int]:
         """Write pieces, each one or several records of messages of one time; yield how many whenever a chunk has ended.
 
         Chunks end where `add_messages` would end them, with the messages of a piece at once.
 
         Args:
-            pieces: from `framed`, in the order of their times.
+            data: from `framed`, in the order of their times.
+            ends: (n,), of the pieces in `data`.
             log_times: (n,), ns.
             messages: where they are in the pieces.
         """
         import numpy as np
 
-        sizes = np.fromiter(map(len, pieces), dtype=np.int64, count=len(pieces))
-        ends, begin = np.cumsum(sizes), 0
-        while begin < len(pieces):
-            written = int(ends[begin] - sizes[begin]) - len(self._chunk)
+        starts, begin, view = np.append(0, ends[:-1]), 0, memoryview(data)
+        while begin < len(ends):
+            written = int(starts[begin]) - len(self._chunk)
             full = int(ends.searchsorted(written + CHUNK_BYTES))
-            end = min(full + 1, len(pieces))
-            offsets = ends[begin:end] - sizes[begin:end] - written
-            self._chunk += b"".join(pieces[begin:end])
+            end = min(full + 1, len(ends))
+            offsets = starts[begin:end] - written
+            self._chunk += view[starts[begin] : ends[end - 1]]
             for each in messages:
                 first, last = each.pieces.searchsorted((begin, end))
                 chosen = each.pieces[first:last]
-                entries = np.stack([log_times[chosen], offsets[chosen - begin] + each.offset], axis=1)
-                self._index[each.channel] += entries.astype("<u8").tobytes()
+                entries = np.empty((len(chosen), 2), dtype="<u8")
+                entries[:, 0], entries[:, 1] = log_times[chosen], offsets[chosen - begin] + each.offset
+                self._index[each.channel] += entries.tobytes()
             self._start_time = min(self._start_time, int(log_times[begin]))
             self._end_time = max(self._end_time, int(log_times[end - 1]))
             begin = end
-            if full < len(pieces):
+            if full < len(ends):
                 self.end_chunk()
                 yield end
 

@@ -59,6 +59,9 @@ _LATENCY_NS = _NANOSECONDS
 _UNEVEN = 0.25
 # Stamps of one topic that go back by more are those of another run, or another clock.
 _BACK_NS = _NANOSECONDS
+
+FEW = 1000
+"""Number of commands on a channel that tell how often it is commanded."""
 # Commands that begin later than this after the end of the run are of another clock than those within it.
 _ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
 
@@ -142,6 +145,7 @@ class _Recording:
         early: commands before its start, on each channel: the last acts from the start on, unless another is there.
         expired: commands whose timeout ends before the start, on each channel.
         prompt: channels that have a command at the start.
+        first: times in the run of the first commands on each channel, `FEW` or more.
         acting: those within that can be honoured.
         refused: why the first that cannot be honoured cannot.
         lost: what is missing of the bag; "" if it is whole.
@@ -179,6 +183,7 @@ class _Recording:
     early: Counter[int] = field(default_factory=Counter)
     expired: Counter[int] = field(default_factory=Counter)
     prompt: set[int] = field(default_factory=set)
+    first: dict[int, list[int]] = field(default_factory=dict)
     acting: int = 0
     refused: str = ""
     lost: str = ""
@@ -511,6 +516,11 @@ class RecordedWrenches:
         """Return how many there are."""
         return sum(bag.count for bag in self._bags) + len(self.setpoints)
 
+    @property
+    def first_stamps(self) -> list[tuple[str, int]]:
+        """Topic, as the scene writes it, and stamp (ns) of the first `FEW` or more commands on each channel."""
+        return [(self._topics[k], at) for bag in self._bags for k, first in bag.first.items() for at in first]
+
     def __iter__(self) -> Iterator[tuple[str, Wrench]]:
         """Yield topic, as the scene writes it, and command."""
         for batch, _ in self.batches():
@@ -643,7 +653,9 @@ class RecordedWrenches:
         bag.stamped += int((~unset).sum())
         bag.unset_ns = _least(bag.unset_ns, behind[unset])
         commands = batch.commands
-        times = commands.time_ns
+        times, first = commands.time_ns, bag.first.setdefault(int(commands.channel[0]), [])
+        if len(first) < FEW:
+            first += times.tolist()
         within = (times >= 0) & (times <= self._end_ns)
         bag.within += int(within.sum())
         expired = self._expired(commands)

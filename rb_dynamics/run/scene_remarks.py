@@ -15,7 +15,7 @@ from rb_dynamics.loads.wheel_set import shares
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import dot, norm
-from rb_dynamics.run.simulation import Command, Simulation
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -42,11 +42,14 @@ def scene_remarks(scene: Scene) -> list[str]:
     return [*_wheels_too_full(scene), *_sensors_too_slow(scene), *_steps_too_long(scene), *_field_too_old(scene)]
 
 
-def command_remarks(commands: Iterable[Command], rate: float) -> list[str]:
-    """Return which streams of commands are slower than a body that turns with `rate` (rad/s); none if all keep up."""
+def command_remarks(commands: Iterable[tuple[str, int]], rate: float) -> list[str]:
+    """Return which streams of commands are slower than a body that turns with `rate` (rad/s); none if all keep up.
+
+    Of each command, `commands` has topic and stamp (ns).
+    """
     stamps: dict[str, list[int]] = {}
-    for topic, command in commands:
-        stamps.setdefault(topic, []).append(command.stamp_ns)
+    for topic, stamp_ns in commands:
+        stamps.setdefault(topic, []).append(stamp_ns)
     found = []
     for topic, times in stamps.items():
         if len(times) >= STREAM:

@@ -285,10 +285,12 @@ class McapSink:
         messages = self._encode_block(block.samples, times)
         records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
         widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
-        rows = in_rows(np.concatenate(records, axis=1))
-        pieces, at, kind = (
-            self._with_changes(rows, block) if len(changes.time_ns) else (rows, times, np.full(len(rows), -1))
-        )
+        rows = np.concatenate(records, axis=1)
+        if len(changes.time_ns):
+            pieces, at, kind = self._with_changes(in_rows(rows), block)
+            data, sizes = b"".join(pieces), np.fromiter(map(len, pieces), np.int64, len(pieces))
+        else:
+            data, sizes, at, kind = rows.tobytes(), np.full(len(rows), rows.shape[1]), times, np.full(len(rows), -1)
         where = [
             InPieces(number, (kind == -1).nonzero()[0], start)
             for number, start in zip(self._sample_ids, widths, strict=False)
@@ -298,7 +300,7 @@ class McapSink:
             where += [InPieces(self._ids[name], (kind == k).nonzero()[0], 0) for name, k in names if name in self._ids]
         hashed, counted = hashed_rows(block.samples), 0
         of_samples = np.cumsum(kind == -1)
-        for end in self._writer.add_pieces(pieces, at, where):
+        for end in self._writer.add_pieces(data, np.cumsum(sizes), at, where):
             self._states.update_all(hashed[counted : of_samples[end - 1]])
             counted = int(of_samples[end - 1])
             if kind[end - 1] == -1:

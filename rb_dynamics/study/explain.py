@@ -194,7 +194,11 @@ def explain(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
     fastest = max(norm(scene.initial.angular_velocity_body), norm(run.look().angular_velocity_body))
-    remarks += scene_remarks(scene) + run.remarks + command_remarks(given, fastest)
+    remarks += (
+        scene_remarks(scene)
+        + run.remarks
+        + command_remarks(((topic, command.stamp_ns) for topic, command in given), fastest)
+    )
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     is_compiled = bool(tally.used)
     # Outputs do not change the motion; without them the run covers more in the same time.

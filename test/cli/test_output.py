@@ -7,9 +7,11 @@ from argparse import Namespace
 from pathlib import Path
 
 import pytest
+from bag_rows import STAMPED, stamped, write_rows
 
-from rb_dynamics.cli import output
+from rb_dynamics.cli import main, output
 from rb_dynamics.errors import LogError
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS as SECOND
 
 
 def test_a_terminal_that_lacks_a_character_shows_its_escape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,3 +50,18 @@ def test_without_a_terminal_a_line_tells_the_progress_now_and_then(
         "campaign.yaml: 40 of 100 runs, 11 s passed, some 33 s left",
         "campaign.yaml: 60 of 100 runs, 22 s passed, some 22 s left",
     ]
+
+
+def test_commands_of_a_bag_that_come_too_slowly_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow = [("/slow", STAMPED, k * SECOND, stamped(k * SECOND, 0.1)) for k in range(10)]
+    quick = [("/quick", STAMPED, k * SECOND // 100, stamped(k * SECOND // 100, 0.1)) for k in range(100)]
+    bag, scene = write_rows(tmp_path / "bag.mcap", [*quick, *slow]), tmp_path / "scene.yaml"
+    scene.write_text(
+        "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 0, 1.5]}\n"
+        "wrenches: [{topic: slow}, {topic: quick}]\nduration: 10\n"
+    )
+
+    assert main(["simulate", str(scene), "--wrench", str(bag)]) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if "raise its rate" in line]
+    assert len(notes) == 1
+    assert notes[0].startswith("note: slow: the body turns by 1.5 rad from one command to the next")
