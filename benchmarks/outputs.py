@@ -3,8 +3,8 @@
     python benchmarks/outputs.py    # some minutes; needs numba, after `rb-dynamics compile`
 
 For a driven orbit and ten thousand held wrenches (problems of `compare.py`), each at some rates of outputs: processor
-time of `simulate` for each output, in memory and with an MCAP, and of it the time in compiled steps, which is the most
-that a continuous extension could save. Best of three.
+time of `simulate` for each output, without sinks, in memory and with an MCAP, and of it the time in compiled steps,
+which is the most that a continuous extension could save. Best of three.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CASES = (("orbit", 3e-7, (0.01, 1.0, 20.0)), ("orbit-gradient", 1e-7, (0.01, 1.0
 TURNS = 3
 
 
-def measured(task: Problem, accuracy: float, rate: float, sink: Callable[[], Any]) -> tuple[float, float]:
+def measured(task: Problem, accuracy: float, rate: float, sinks: Callable[[], Any]) -> tuple[float, float]:
     """Return the processor time (s) of a run, and of it that in the kernel that takes the steps."""
     channels = rb.Channel("thrusters"), rb.Channel("environment")
     solver, (state,), effects = rb.Solver("auto", accuracy=accuracy), states_of(task), effects_of(task)
@@ -46,7 +46,7 @@ def measured(task: Problem, accuracy: float, rate: float, sink: Callable[[], Any
     plan.propagate = timed
     for _ in range(TURNS + 1):
         inside[0], begin = 0.0, time.process_time()
-        rb.simulate(scene, _commands(task), [sink()])
+        rb.simulate(scene, _commands(task), sinks())
         found.append((time.process_time() - begin, inside[0]))
     plan.propagate = propagate
     return min(found[1:])
@@ -55,13 +55,14 @@ def measured(task: Problem, accuracy: float, rate: float, sink: Callable[[], Any
 def main() -> None:
     os.environ.setdefault("RB_DYNAMICS_COMPILE", "always")
     with tempfile.TemporaryDirectory() as folder:
-        sinks = {"memory": rb.MemorySink, "MCAP": lambda: McapSink(Path(folder) / "run.mcap")}
+        log = Path(folder) / "run.mcap"
+        sinks = {"nothing": list, "memory": lambda: [rb.MemorySink()], "MCAP": lambda: [McapSink(log)]}
         for name, accuracy, rates in CASES:
             for rate in rates:
-                for kind, sink in sinks.items():
+                for kind, of_kind in sinks.items():
                     task = problem(name)
                     whole, steps = (
-                        1e6 * each / (rate * task.duration) for each in measured(task, accuracy, rate, sink)
+                        1e6 * each / (rate * task.duration) for each in measured(task, accuracy, rate, of_kind)
                     )
                     print(f"{name:15} {rate:6g} Hz {kind:7} {whole:8.2f} us an output, of it {steps:6.2f} us in steps")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
-from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, components, held_of
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, all_with_floats, components, frame_name, held_of
 from rb_dynamics.numerics.argument_checks import as_array, instance, vectors
 from rb_dynamics.numerics.distinct import distinct
 from rb_dynamics.numerics.vector import ZERO
@@ -158,7 +158,8 @@ class Wrenches:
         """
         import numpy as np
 
-        instance(self.frame_id, str, "wrenches frame_id", "write the name of a frame")
+        name = instance(self.frame_id, str, "wrenches frame_id", "write the name of a frame")
+        object.__setattr__(self, "frame_id", frame_name(name))
         times = as_array(self.stamp_ns, "wrenches stamp_ns", "whole numbers (n,)", None)
         if times.ndim != 1 or times.dtype.kind != "i":
             raise TypeError(

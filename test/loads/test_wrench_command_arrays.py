@@ -128,7 +128,8 @@ def test_arrays_of_wrenches_that_do_not_fit_are_refused(
 
 def test_arrays_of_wrenches_keep_copies() -> None:
     forces, times = np.ones((2, 3)), np.arange(2)
-    wrenches = Wrenches(forces, stamp_ns=times)
+    wrenches = Wrenches(forces, frame_id="/body", stamp_ns=times)
     forces[:], times[:] = 5.0, 5
 
-    assert list(wrenches) == [Wrench((1.0, 1.0, 1.0), stamp_ns=k) for k in range(2)]
+    assert list(wrenches) == [Wrench((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), "body", k) for k in range(2)]
+    assert wrenches.frame_id == "body"
