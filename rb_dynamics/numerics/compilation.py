@@ -33,10 +33,9 @@ _MARK, _BY, _CALLED = "__compiled_as__", "__compiled_by__", "__compiled_apart__"
 _MONTH = 30 * 86400.0
 _log = logging.getLogger(__name__)
 
-# Division by zero gives inf or NaN: callers check for non-finite results. Without inlining, tuples pass through memory.
-_OPTIONS = {"error_model": "numpy", "forceinline": True}
-
-_APART = {"error_model": "numpy", "forceinline": False}
+# Division by zero gives inf or NaN: callers check for non-finite results. The same for all functions: numba compiles a
+# callee anew for callers with other options.
+_OPTIONS = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def compiled_as(value: object = None) -> Callable[[_F], _F]:
@@ -207,18 +206,87 @@ def _compiled(
         raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
     for callee in _reach(function):
         _register(callee)
-    options = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    options = {**_OPTIONS, "pipeline_class": _compiler(inlined=False)}
     try:
         compiled = function if prepare is None else prepare(function)
         (result,) = numba.njit(signature, **options)(compiled).overloads.values()
     except numba.core.errors.NumbaError as error:
         raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
-    # The same that numba's own cache stores.
-    library = result.library
-    code = library._get_compiled_object()  # noqa: SLF001
-    declared = [each.name for each in library._final_module.functions if each.is_declaration]  # noqa: SLF001
-    externals = tuple(name for name in declared if not name.startswith("llvm."))
+    externals, code = result.library.object_code()
     return ObjectCode(result.fndesc.llvm_func_name, externals, code)
+
+
+@cache
+def _compiler(*, inlined: bool) -> Any:
+    """Return a compiler for functions of kernels, which are inlined where they are called, or not.
+
+    Numba's own optimises and translates each function, together with all that it calls, and so a function once for each
+    level of calls above it. This one does so for whole kernels alone.
+    """
+    from numba.core import codegen, compiler, compiler_lock, compiler_machinery, lowering, typed_passes
+
+    class Library(codegen.JITCodeLibrary):  # type: ignore[misc]
+        """The code of one function, and what it calls."""
+
+        def finalize(self) -> None:
+            """Close it, without optimising it for itself."""
+            self._finalized = True
+
+        def object_code(self) -> tuple[tuple[str, ...], bytes]:
+            """Return the names of the external functions that are called, and the object code."""
+            module = self._final_module
+            # Callers first: the linker drops what nothing calls yet.
+            for each in reversed(_with_called(self, {})[:-1]):
+                module.link_in(each._get_module_for_linking(), preserve=True)  # noqa: SLF001
+            with compiler_lock.global_compiler_lock:
+                self._optimize_final_module()
+                code = self._codegen._tm.emit_object(module)  # noqa: SLF001
+            declared = [each.name for each in module.functions if each.is_declaration]
+            return tuple(name for name in declared if not name.startswith("llvm.")), code
+
+    class Lower(lowering.Lower):  # type: ignore[misc]
+        """Without counts of references: kernels own no memory."""
+
+        def incref(self, _type: Any, _value: Any) -> None:
+            pass
+
+        def decref(self, _type: Any, _value: Any) -> None:
+            pass
+
+    @compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)
+    class Lowering(typed_passes.NativeLowering):  # type: ignore[misc]
+        _name = f"lowering_of_kernels_{inlined}"
+        lowering_class = Lower
+
+        def run_pass(self, state: Any) -> bool:
+            state.library = Library(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.flags.no_compile, state.flags.forceinline = True, inlined
+            super().run_pass(state)
+            # Numba expects something to call, although it is not called.
+            call = [state.library].copy
+            state.cr = state.cr._replace(cfunc=call)
+            state.targetctx.insert_user_function(call, state.cr.fndesc, [state.library])
+            return True
+
+    class Compiler(compiler.CompilerBase):  # type: ignore[misc]
+        def define_pipelines(self) -> list[Any]:
+            manager = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+            manager.passes = [
+                (Lowering if each is typed_passes.NativeLowering else each, name) for each, name in manager.passes
+            ]
+            manager.finalize()
+            return [manager]
+
+    return Compiler
+
+
+def _with_called(library: Any, found: dict[Any, None]) -> list[Any]:
+    """Return a library of code after all those that it calls."""
+    for each in library._linking_libraries:  # noqa: SLF001
+        if each not in found:
+            _with_called(each, found)
+    found[library] = None
+    return [*found]
 
 
 @cache
@@ -412,14 +480,14 @@ def _register(function: Any) -> None:
     from numba.extending import overload
 
     _registered[id(function)] = function
+    # Without inlining, tuples pass through memory.
+    inlined = not (hasattr(function, _BY) or hasattr(function, _CALLED))
+    provide = overload(function, jit_options={**_OPTIONS, "pipeline_class": _compiler(inlined=inlined)}, strict=False)
     if hasattr(function, _BY):
-        overload(function, jit_options=_APART, strict=False)(
-            lambda first, *_, **__: getattr(function, _BY).get(getattr(first, "instance_class", None))
-        )
+        provide(lambda first, *_, **__: getattr(function, _BY).get(getattr(first, "instance_class", None)))
         return
     implementation = implementation_of(function)
-    options = _APART if hasattr(function, _CALLED) else _OPTIONS
-    overload(function, jit_options=options, strict=False)(lambda *_, **__: implementation)
+    provide(lambda *_, **__: implementation)
 
 
 def implementation_of(function: Any) -> Any:
