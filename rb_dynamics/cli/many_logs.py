@@ -142,7 +142,7 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
         return
     waiting = list(logs)
     while waiting:
-        with _processes(jobs) as pool:
+        with processes(jobs) as pool:
             futures = [pool.submit(safely, log) for log in waiting]
             done = 0
             for future in futures:
@@ -154,7 +154,7 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
         waiting = waiting[done:]
         if waiting:
             # One of those that ran is to blame: running the first alone shows whether it is that one.
-            with _processes(1) as pool:
+            with processes(1) as pool:
                 row = _result(pool.submit(safely, waiting[0]))
             yield row or _error(
                 waiting[0], "the process that read it was killed, perhaps for lack of memory; try --jobs 1"
@@ -163,7 +163,8 @@ def each_of(logs: Sequence[str], work: Callable[[str], Row], jobs: int | None = 
 
 
 @contextlib.contextmanager
-def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
+def processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Yield so many new processes, which end with an interrupt."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 

@@ -236,7 +236,11 @@ def counted_by(tally: Tally) -> Iterator[None]:
 
 
 class OnDemand:
-    """A function that is compiled or loaded once it is needed."""
+    """A function that is compiled or loaded once it is needed.
+
+    Attributes:
+        method: the method that it belongs to.
+    """
 
     def __init__(self, method: str, function: Callable[..., Any], signature: str, steps: float = 1.0) -> None:
         """Prepare, without compiling.
@@ -247,7 +251,7 @@ class OnDemand:
             signature: its types, as numba writes them.
             steps: number of steps of the method that take as long in plain Python as one call for one step.
         """
-        self._method, self._function, self._signature = method, function, signature
+        self.method, self._function, self._signature = method, function, signature
         self._each = steps
         self._compiled: Native | None = None
         self._given_up = False
@@ -328,7 +332,7 @@ class OnDemand:
 
     def _give_up(self, reason: str) -> None:
         self._given_up = True
-        _log.warning("%s runs in plain Python: %s", self._method, reason)
+        _log.warning("%s runs in plain Python: %s", self.method, reason)
 
     def build(self, tally: Tally) -> None:
         """Compile or load the function, unless this has been done.

@@ -10,7 +10,11 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import TYPE_CHECKING
+
+from rb_dynamics.cli.many_logs import processes
+from rb_dynamics.numerics.cores import cores
 
 if TYPE_CHECKING:
     from rb_dynamics.motion.fixed_step_kernel import OnDemand
@@ -32,8 +36,7 @@ def run(args: argparse.Namespace) -> int:
         # The run comes first.
         os.nice(19)
     from rb_dynamics.errors import MissingExtraError, RigidBodyError
-    from rb_dynamics.motion.fixed_step_kernel import Tally
-    from rb_dynamics.numerics.compilation import available, cache_folder, is_cached, keep_failure
+    from rb_dynamics.numerics.compilation import available, cache_folder
     from rb_dynamics.run.kernels_to_compile import all_kernels, usual_kernels
 
     if not available():
@@ -41,26 +44,42 @@ def run(args: argparse.Namespace) -> int:
     kernels = all_kernels() if args.all or args.names or args.beside else usual_kernels()
     if unknown := sorted(set(args.names) - kernels.keys()):
         raise RigidBodyError(f"found kernels {unknown}, expected some of {', '.join(kernels)}; name some of these")
-    tally, failed = Tally(), 0
-    if args.beside:
+    if args.names or args.beside:
         from rb_dynamics.numerics.background_compilation import asked_for
 
-        names = _ordered(kernels, asked_for())
+        names = _ordered(kernels, asked_for()) if args.beside else args.names
+        compiled = [_build(kernels[name]) for name in names]
     else:
-        names = (name for name in args.names or kernels)
-    for name in names:
-        known = is_cached(name)
-        try:
-            kernels[name].build(tally)
-        except (ImportError, RuntimeError) as error:
-            keep_failure(name, str(error))
-            failed += 1
-            print(f"{name:34} {error}", flush=True)
-        else:
-            done = "was there" if known or name not in tally.built else f"{tally.built[name]:.1f} s"
-            print(f"{name:34} {done}", flush=True)
+        # Kernels of one method share functions, which each process compiles for itself.
+        groups = [[*names] for _, names in groupby(kernels, lambda name: kernels[name].method)]
+        with processes(cores()) as pool:
+            compiled = [each for group in pool.map(_build_all, groups) for each in group]
     print(f"in {cache_folder()}")
-    return 1 if failed else 0
+    return 0 if all(compiled) else 1
+
+
+def _build_all(names: list[str]) -> list[bool]:
+    from rb_dynamics.run.kernels_to_compile import all_kernels
+
+    kernels = all_kernels()
+    return [_build(kernels[name]) for name in names]
+
+
+def _build(kernel: OnDemand) -> bool:
+    """Compile a kernel, print how long that takes, and return whether it succeeds."""
+    from rb_dynamics.motion.fixed_step_kernel import Tally
+    from rb_dynamics.numerics.compilation import is_cached, keep_failure
+
+    tally, known = Tally(), is_cached(kernel.name)
+    try:
+        kernel.build(tally)
+    except (ImportError, RuntimeError) as error:
+        keep_failure(kernel.name, str(error))
+        print(f"{kernel.name:34} {error}", flush=True)
+        return False
+    done = "was there" if known or not tally.built else f"{tally.built[kernel.name]:.1f} s"
+    print(f"{kernel.name:34} {done}", flush=True)
+    return True
 
 
 def _ordered(kernels: dict[str, OnDemand], orders: Iterable[tuple[str, str]]) -> Iterator[str]:

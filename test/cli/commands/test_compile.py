@@ -39,6 +39,19 @@ def test_compiles_what_it_is_told(
     assert ", propagate, " in error
 
 
+def test_without_names_the_usual_kernels_are_shared_out_between_processes(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("numba")
+
+    assert main(["compile"]) == 0
+
+    *lines, last = capfd.readouterr().out.splitlines()
+    assert sorted(line.split()[0] for line in lines) == sorted(usual_kernels())
+    assert last == f"in {compilation.cache_folder()}"
+    assert all(map(compilation.is_cached, usual_kernels()))
+
+
 def test_each_kernel_has_its_own_name() -> None:
     usual, every = usual_kernels(), all_kernels()
     of_many = {each.name for method in METHODS.usable() for each in mover(method).kernels if each is not None}
