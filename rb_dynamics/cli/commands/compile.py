@@ -13,9 +13,6 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from rb_dynamics.cli.many_logs import processes
-from rb_dynamics.numerics.cores import cores
-
 if TYPE_CHECKING:
     from rb_dynamics.motion.fixed_step_kernel import OnDemand
 
@@ -50,6 +47,9 @@ def run(args: argparse.Namespace) -> int:
         names = _ordered(kernels, asked_for()) if args.beside else args.names
         compiled = [_build(kernels[name]) for name in names]
     else:
+        from rb_dynamics.cli.many_logs import processes
+        from rb_dynamics.numerics.cores import cores
+
         # Kernels of one method share functions, which each process compiles for itself.
         groups = [[*names] for _, names in groupby(kernels, lambda name: kernels[name].method)]
         with processes(cores()) as pool:
