@@ -38,7 +38,7 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.wrench import WORLD, HeldWrench, Wrench, WrenchFrames
+from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
@@ -153,12 +153,13 @@ class _TrackReader:
         pose, twist = map(self._on_one_clock, found)
         own = RUN in self.bag.metadata
         rates = self._rates(pose) if twist is None else None
-        world = self.scene.frames.world_frame if self.scene else pose.frame if pose else "world"
+        world = self.scene.frames.world_frame if self.scene else frame_name(pose.frame) if pose else "world"
         # Without a name it is that of the body, as for a wrench.
-        twist_in_world = twist is not None and twist.frame == world != ""
+        of_twist = "" if twist is None else frame_name(twist.frame)
+        twist_in_world = of_twist == world != ""
         if twist is not None and pose is not None and not (own or spikes):
             twist = without_spikes(twist, pose, twist_in_world)
-        frames = self._frames(world, "" if twist is None or twist_in_world else twist.frame)
+        frames = self._frames(world, "" if twist_in_world else of_twist)
         wrenches, acted = self._wrenches(frames, own)
         facts = self.bag.metadata.get(RUN, {})
         if unlogged := facts.get("effects_not_logged_as_wrench", ""):
@@ -526,7 +527,7 @@ class _TrackReader:
         if self.scene:
             return self.scene.frames
         # A bag need not name its frames: no wrench is in one that has no name.
-        return WrenchFrames(world or "\0world", "\0body" if body in ("", WORLD) else body)
+        return WrenchFrames(world or "\0world", body or "\0body")
 
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""

@@ -19,7 +19,7 @@ from rb_dynamics.numerics.argument_checks import instance, mapping, quaternion, 
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion, rotate
 from rb_dynamics.numerics.vector import ZERO, Vector, add, scale
 
-WORLD = "/world"
+WORLD = "<world>"
 """`frame_id` for world axes in wrenches of effects, whatever their name in the scene; no frame has this name."""
 
 
@@ -179,10 +179,10 @@ class WrenchFrames:
             object.__setattr__(self, "fixed", fixed)
         # A command names its frame: of two frames with the same name, it would act in the first.
         names = [self.world_frame, self.body_frame, *(self.fixed or {})]
-        if len({"", *names}) < len(names) + 1 or WORLD in names[1:]:
+        if len({"", WORLD, *names}) < len(names) + 2 or any(name.startswith("/") for name in names):
             raise SceneError(
-                f"frames are named {names}, expected names that differ, none of them empty or {WORLD!r}: world, body "
-                "and fixed frames are told apart by them alone; rename one"
+                f"frames are named {names}, expected names that differ, none of them empty, {WORLD!r} or with a "
+                "leading slash: world, body and fixed frames are told apart by them alone; rename one"
             )
         if self.center_of_mass is not None:
             object.__setattr__(self, "center_of_mass", vector(self.center_of_mass, "center_of_mass", "a point (m)"))

@@ -59,6 +59,8 @@ _LATENCY_NS = _NANOSECONDS
 _UNEVEN = 0.25
 # Stamps of one topic that go back by more are those of another run, or another clock.
 _BACK_NS = _NANOSECONDS
+# Of a file written in order, few log times are before the one above: those where the clock begins again.
+_SORTED = 0.05
 
 FEW = 1000
 """Number of commands on a channel that tell how often it is commanded."""
@@ -630,6 +632,10 @@ class RecordedWrenches:
                 stamped.setdefault(id(block.channel), []).append(_stamped(block, kind))
         for blocks in stamped.values():
             log_times, stamps = map(np.concatenate, zip(*blocks, strict=True))
+            if np.count_nonzero(np.diff(log_times) < 0) > 3 + _SORTED * len(log_times):
+                # Not the order in which they came.
+                order = np.argsort(log_times, kind="stable")
+                log_times, stamps = log_times[order], stamps[order]
             found = disorder(stamps)
             if found is not None and found.restarts:
                 end_ns, begin_ns = found.restarts[0]

@@ -287,6 +287,14 @@ def test_interpolation_between_rare_samples_is_no_contradiction_and_hides_no_tor
     )
 
 
+@pytest.mark.parametrize("scene", [None, BALL])
+def test_a_leading_slash_makes_no_frame_another(scene: Any) -> None:
+    motion = spin()
+    track = read_track(bag_of(motion, twist_frame="/world", twist_rows=in_world(motion)), scene)
+    assert track.twist_in_world
+    assert not any(found.words for found in agreements(track))
+
+
 def test_interpolation_is_neither_a_lever_arm_nor_a_factor() -> None:
     motion = rolling(100_000_000, 200, 0.0, 5.0, 2.0)
     (found,) = agreements(read_track(bag_of(motion, twist_frame="world", twist_rows=in_world(motion))))[1:]

@@ -111,6 +111,7 @@ def test_weight_acts_in_the_world_of_the_scene() -> None:
     [
         {"world_frame": "a", "body_frame": "a"},
         {"world_frame": ""},
+        {"world_frame": "/map"},
         {"fixed": {"world": FixedFrame()}},
         {"fixed": {"body": FixedFrame()}},
         {"fixed": {"": FixedFrame()}},
