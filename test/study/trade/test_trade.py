@@ -246,7 +246,7 @@ def test_each_method_goes_from_coarse_to_fine(free_trade: Trade) -> None:
 def test_channels_without_commands_are_probed_and_a_long_scene_is_measured_in_part() -> None:
     seen: list[float] = []
     found = trade(
-        parse_scene(SPINNING + "duration: 1.0e+6"), target=1e-3, time_s=1.0, progress=seen.append, clock=CLOCK
+        parse_scene(SPINNING + "duration: 1.0e+6"), target=1e-3, time_s=3.0, progress=seen.append, clock=CLOCK
     )
 
     assert "probe" in found.remarks[0]
