@@ -239,7 +239,10 @@ def _compiler(*, inlined: bool) -> Any:
             for each in reversed(_with_called(self, {})[:-1]):
                 module.link_in(each._get_module_for_linking(), preserve=True)  # noqa: SLF001
             with compiler_lock.global_compiler_lock:
-                self._optimize_final_module()
+                # Once: numba's first, cheaper round is for counts of references, and costs code its speed.
+                found = self._codegen._module_pass_manager()  # noqa: SLF001
+                passes, *of_it = found if isinstance(found, tuple) else (found,)
+                passes.run(module, *of_it)
                 code = self._codegen._tm.emit_object(module)  # noqa: SLF001
             declared = [each.name for each in module.functions if each.is_declaration]
             return tuple(name for name in declared if not name.startswith("llvm.")), code

@@ -9,7 +9,7 @@ from rb_dynamics.motion.fixed_step_kernel import Kernel
 from rb_dynamics.numerics import compilation
 
 
-def test_a_kernel_is_optimised_as_a_whole_and_what_it_calls_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neither_a_kernel_nor_what_it_calls_is_optimised_as_numba_does_every_function(monkeypatch: pytest.MonkeyPatch) -> None:
     codegen = pytest.importorskip("numba.core.codegen")
     optimised: list[str] = []
     optimise = codegen.JITCodeLibrary._optimize_final_module
@@ -24,7 +24,7 @@ def test_a_kernel_is_optimised_as_a_whole_and_what_it_calls_is_not(monkeypatch: 
 
     found = compilation._compiled(kernel._function, kernel._signature, None)
 
-    assert [name for name in optimised if name.endswith("_rk4")] == [kernel.name]
+    assert not [name for name in optimised if name.endswith("_rk4")]
     assert kernel.name in found.symbol
     # Nothing of this package is left to be found elsewhere.
     assert not [name for name in found.externals if "rb_dynamics" in name]
