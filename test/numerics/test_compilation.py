@@ -9,7 +9,9 @@ from rb_dynamics.motion.fixed_step_kernel import Kernel
 from rb_dynamics.numerics import compilation
 
 
-def test_neither_a_kernel_nor_what_it_calls_is_optimised_as_numba_does_every_function(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neither_a_kernel_nor_what_it_calls_is_optimised_as_numba_does_every_function(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     codegen = pytest.importorskip("numba.core.codegen")
     optimised: list[str] = []
     optimise = codegen.JITCodeLibrary._optimize_final_module
