@@ -388,12 +388,13 @@ class RecordedWrenches:
         self._bags = [
             self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
         ]
-        self.notes += (
-            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; they "
-            "act in the order of their stamps"
-            for bag in self._bags
-            if bag.back_ns > _BACK_NS and not bag.by_log and self._one_run(bag)
-        )
+        for bag in self._bags:
+            if bag.back_ns > _BACK_NS and not bag.by_log:
+                self._require_one_run(bag)
+                self.notes.append(
+                    f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was "
+                    "recorded; they act in the order of their stamps"
+                )
         self.notes += (
             f"{bag.path}: {bag.still} of its {bag.count} commands have the stamp of the one before on their channel: "
             "of commands of one stamp only the last acts"
@@ -617,11 +618,11 @@ class RecordedWrenches:
         bag.driven = driven_of(source.metadata)
         return bag
 
-    def _one_run(self, bag: _Recording) -> bool:
-        """Return that its commands are of one run: none of its channels begins again.
+    def _require_one_run(self, bag: _Recording) -> None:
+        """Refuse commands of several runs.
 
         Raises:
-            LogError: one does.
+            LogError: the stamps of a channel begin again.
         """
         stamped: dict[int, list[tuple[Times, Times]]] = {}
         zeros_ns: dict[bool, int] = {}
@@ -647,7 +648,6 @@ class RecordedWrenches:
                     f"{_seconds(end_ns)} s, expected those of one run, as they would act together; cut one out: "
                     f"convert {bag.path} part.mcap --to {at_s - 1e-6:.6f}, or --from {at_s:.6f}"
                 )
-        return True
 
     def _count(self, bag: _Recording, batch: _Batch) -> None:
         bag.count += len(batch.stamps)
