@@ -316,10 +316,13 @@ def balanced(track: Track, balance: Balance, bound: float) -> Check:
     since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"
     known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
     if balance.relative > bound and balance.noise is not None and not balance.noise.beyond:
-        told = bool(balance.noise.sizes)
-        than = (
-            "no more than the noise of the recording" if told else "not judged: too few samples to estimate the noise"
-        )
+        told = bool(balance.noise.sizes) and balance.relative <= 1.0
+        if told:
+            than = "no more than the noise of the recording"
+        elif balance.noise.sizes:
+            than = "not judged: the noise of the recording is larger than the quantity itself"
+        else:
+            than = "not judged: too few samples to estimate the noise"
         detail = f"{worst}, relative {balance.relative:.3g}: {than}{known}"
         return Check(name, True, detail, told, balance.covered if told else 0.0)
     detail = f"{worst}, relative {balance.relative:.3g}, accepted {bound:g}{since}{known}"

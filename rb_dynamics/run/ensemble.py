@@ -412,6 +412,7 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
             f"times_ns has shape {times.shape} and type {times.dtype}, expected (K,) integers, K > 0: nanoseconds; "
             "round seconds by np.rint(1e9 * seconds).astype(np.int64)"
         )
+    time_count(int(times.max()), "the largest of times_ns")
     times = times.astype(np.int64)
     if (bad := np.flatnonzero(np.diff(times, prepend=start_ns) < 0)).size:
         k = int(bad[0])

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rb_dynamics.analysis.checks import balanced
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, integral
 from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
+from rb_dynamics.analysis.noise import Noise
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.loads.wrench import Wrench
@@ -188,3 +190,15 @@ def test_torques_that_cancel_between_two_samples_still_turn_the_force(flown: Any
     assert wrong.max() > 1e-6
     assert (wrong <= force_impulse.error[1:] + 1e-12).all()
     assert named(track, "linear momentum").relative < BOUND
+
+
+@pytest.mark.parametrize(("size", "judged"), [(1e-3, True), (3.0, False)])
+def test_noise_larger_than_the_quantity_judges_nothing(flight: Any, size: float, judged: bool) -> None:
+    """Of a defect of 300 % it was said that the balance holds, as it was no more than noise."""
+    track = track_of(flight)
+    defects = np.array([[0.0], [size]])
+    times = np.array([0, 1_000_000_000])
+    noisy = Balance("energy", "J", times, lambda: iter([defects]), 1.0, 1.0, "", Noise(size, False, (1,)))
+    check = balanced(track, noisy, BOUND)
+    assert check.judged == judged
+    assert ("noise of the recording is larger than the quantity itself" in check.detail) != judged

@@ -499,3 +499,9 @@ def test_each_body_has_a_largest_torque_of_its_own() -> None:
 
     with pytest.raises(WrenchError, match=r"body 1: wrench torque about the centre of mass is 1e\+09 N m"):
         many.hold(torque_body=[[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]])
+
+
+def test_times_beyond_64_bits_are_shown_as_given() -> None:
+    """Unsigned ones were shown negative."""
+    with pytest.raises(ValueError, match=rf"the largest of times_ns is {2**63 + 5}"):
+        Ensemble(BODY, [STATE], "rk4", 0.002).follow(np.array([1, 2**63 + 5], dtype=np.uint64))
