@@ -97,7 +97,7 @@ def too_long(step: float | None, body: RigidBody, kinetic_energy: float, work: f
     if step is None or largest <= hardly or abs(defect) <= _UNBALANCED * largest:
         return ""
     return (
-        f"the energy of the motion is off by {100.0 * abs(defect) / largest:.2g} %: steps of {step:g} s are too long "
+        f"the energy of the motion is off by {100.0 * abs(defect) / largest:.3g} %: steps of {step:g} s are too long "
         "for it; take shorter ones, or give solver.accuracy"
     )
 

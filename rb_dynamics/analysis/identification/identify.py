@@ -177,7 +177,7 @@ class Identification:
         """What the model does not explain or predict, as text."""
         return [
             f"the model does not explain this recording: residuals of {each.topic} {each.kind} are "
-            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion; "
+            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.3g} % of its motion; "
             + (
                 "intervals are doubled, and hold if what is missing is no larger where it does not show"
                 if each.follows
@@ -187,7 +187,7 @@ class Identification:
             if not each.explained
         ] + [
             f"the fit does not predict what was held out: residuals of {each.topic} {each.kind} are "
-            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.2g} % of its motion: "
+            f"{each.times_noise:.3g} times its noise and {100.0 * each.unexplained:.3g} % of its motion: "
             + (
                 "the body, or what acts on it, is another there"
                 if self.validated is False
