@@ -18,7 +18,6 @@ from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in
 from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.own_log import logged_scene
-from rb_dynamics.logs.stamp_order import standing
 
 BOUND = 1e-6
 """Default of the largest accepted defect, relative to the largest energy or momentum."""
@@ -66,9 +65,9 @@ def checks(
         if steps.disorder is not None and steps.disorder.restarts
     ]
     done += [
-        Check(f"{steps.topic} is whole", False, f"{still}: when each wrench acted is not known")
+        Check(f"{steps.topic} is whole", False, f"{steps.standing}: when each wrench acted is not known")
         for steps in track.wrenches
-        if (still := standing(steps.time_ns))
+        if steps.standing
     ]
     leaps = next((each.leaps for each in agreed if each.leaps), None)
     done += [_continuous(track, steady, leaps)] if steady is not None else []

@@ -557,7 +557,7 @@ class _TrackReader:
             for topic in sorted(chosen)
         )
         for held in steps:
-            if not held.known.all() and not standing(held.time_ns):
+            if not held.known.all() and not held.standing:
                 self.notes.append(
                     f"{held.topic}: {int((~held.known).sum())} of {len(held.known)} wrenches are not usable numbers or "
                     f"in an undeclared frame (frames: {frame_names(held.frames)}); their effect is unknown. "
@@ -749,6 +749,8 @@ def _steps(
     times = times if stamped else line.stamps(times)
     held = [_held(wrench, frames) for _, wrench in commands]
     order = np.argsort(times, kind="stable")
+    # A node that is paused takes all commands at one simulation time.
+    still = "" if RUN in bag.metadata else standing(times)
 
     def rows(vectors: Sequence[Sequence[float]]) -> Array:
         return np.array(vectors, dtype=np.float64).reshape(-1, 3)[order]
@@ -763,9 +765,10 @@ def _steps(
         torque=rows([p.torque_body for p in parts]) + rows([p.torque_world for p in parts]),
         world=world,
         at_point=np.array([wrench.frame_id in (frames.fixed or {}) for _, wrench in commands], dtype=bool)[order],
-        known=np.array([part is not None for part in held], dtype=bool)[order] & (not standing(times)),
+        known=np.array([part is not None for part in held], dtype=bool)[order] & (not still),
         frames=tuple(sorted({wrench.frame_id for _, wrench in commands})),
         disorder=disorder(times),
+        standing=still,
         channel=limits,
     )
 

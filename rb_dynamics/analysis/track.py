@@ -130,6 +130,7 @@ class RecordedWrench:
         known: False for a row with an undeclared frame or unusable numbers.
         frames: every `frame_id` met.
         disorder: times that do not ascend in the file; None if all do.
+        standing: that the stamps stand still, as text; "" if they do not, or are simulation times of this package.
         channel: of the scene, whose commands these are; None for what is applied or of no channel.
         weight: whether it is the weight by the scene, which goes with the mass that is given.
     """
@@ -143,6 +144,7 @@ class RecordedWrench:
     known: NDArray[np.bool_]
     frames: tuple[str, ...]
     disorder: Disorder | None = None
+    standing: str = ""
     channel: Channel | None = None
     weight: bool = False
 

@@ -46,10 +46,6 @@ class _Choice:
     driven_arcs: int = 0
     length_ns: int = 0
 
-    def separated(self) -> _Choice:
-        """Return a copy, with a control of its own."""
-        return replace(self, chosen=self.chosen and (self.chosen[0], copy(self.chosen[1])))
-
 
 class Plan:
     """Method and step control of one run; it learns step sizes, so each run needs its own plan.
@@ -160,8 +156,17 @@ class Plan:
     def separated(self) -> Plan:
         """Return this shallow copy of a plan, for an arc that is only tried: the other does not learn from it."""
         gradual = self._last is self._gradual_choice
-        self._choice, self._gradual_choice = self._choice.separated(), self._gradual_choice.separated()
+        # Both choices may share one control, which may be that of the last arc.
+        chosen = filter(None, (self._choice.chosen, self._gradual_choice.chosen))
+        controls = {id(control): copy(control) for _, control in chosen}
+
+        def apart(choice: _Choice) -> _Choice:
+            return replace(choice, chosen=choice.chosen and (choice.chosen[0], controls[id(choice.chosen[1])]))
+
+        self._choice, self._gradual_choice = apart(self._choice), apart(self._gradual_choice)
         self._last = self._gradual_choice if gradual else self._choice
+        last, learnt = self._began
+        self._began = controls.get(id(last), last), learnt
         return self
 
     def propagate(self, arc: Arc, edges: Edges, enough: Enough | None = None) -> tuple[Arc, Propagated] | None:

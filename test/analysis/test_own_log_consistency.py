@@ -265,3 +265,11 @@ def test_momenta_are_checked_in_blocks(
         tracemalloc.stop()
     assert errors.worst > 0.0
     assert peak < 40 * count
+
+
+def test_commands_of_one_time_in_a_log_of_this_package_are_no_clock_that_stands(tmp_path: Path) -> None:
+    """A node that is paused takes all at one simulation time; inspect failed its log."""
+    scene = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push}]\nduration: 1\n")
+    commands = [("push", Wrench((float(k), 0.0, 0.0))) for k in range(5)]
+    simulate(scene, commands, [McapSink(tmp_path / "run.mcap")])
+    assert inspect(tmp_path / "run.mcap").passed

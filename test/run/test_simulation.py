@@ -75,6 +75,17 @@ def record(solver: Solver, output_rate: float) -> tuple[Sample, int, Recorder]:
     return run.sample, run.steps, recorder
 
 
+WHEEL_AND_JET = """
+body: {mass: 4, inertia: {diagonal: [0.05, 0.12, 0.14]}, frames: {jet: {position: [0.1, 0.15, 0.05]}}}
+initial: {angular_velocity_body: [0.1, -0.15, 0.05]}
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 1, 0], inertia: 1.0e-4, command: speed, max_torque: 5.0e-3}
+  - {type: thruster, name: jet, frame: jet, force: 0.5, command: on_time, rise: 0.01, fall: 0.02}
+output_rate: 50.0
+duration: 2
+"""
+
+
 class TestBits:
     @each_solver
     def test_do_not_depend_on_the_output_rate(self, solver: Solver) -> None:
@@ -678,6 +689,28 @@ class TestStateThatNothingFollows:
             run.finish()
             expected.finish()
             assert recorder.result == told.result
+
+    @pytest.mark.parametrize("at_ns", [183_000_001, 930_000_010])
+    def test_comes_to_the_same_bits_with_a_command_of_its_time_or_after_it(self, at_ns: int) -> None:
+        """Replay of a node's log differed: after a move, loads that change had a step control of their own."""
+
+        def flown(apart: bool) -> MemorySink:
+            recorded = MemorySink()
+            run = Simulation(parse_scene(WHEEL_AND_JET), [recorded])
+            run.start()
+            run.advance(at_ns)
+            run.actuate("wheel/command", 38.7, at_ns)
+            if apart:
+                run.advance(at_ns)
+            run.set_state(StateChange.to(State(angular_velocity_body=(-0.4, 0.3, -0.13)), run.scene.body).at(at_ns))
+            run.advance(at_ns + 100_000_000)
+            run.actuate("jet/command", 0.13, at_ns + 100_000_000)
+            run.advance(2 * SECOND)
+            run.finish()
+            return recorded
+
+        together, apart = flown(apart=False), flown(apart=True)
+        assert together.angular_velocity_body.tolist() == apart.angular_velocity_body.tolist()
 
     def test_is_refused_at_once_by_name_and_foreseen(self) -> None:
         run = Simulation(parse_scene(DRAG))
