@@ -68,14 +68,17 @@ def _run(method: Method, *, effects: bool) -> Any:
 
 @cache
 def _on_arrays(function: Any) -> Any:
-    """Return `function` for arrays: a copy that calls such copies of the functions of the package."""
+    """Return `function` for arrays: a copy that calls such copies of the functions of the package.
+
+    A function of `_OTHERWISE` may call the one that it replaces, for single numbers.
+    """
     if function in _OTHERWISE:
         return _on_arrays(_OTHERWISE[function])
     names = {name: function.__globals__[name] for name in function.__code__.co_names if name in function.__globals__}
     copies = {
         name: _on_arrays(value)
         for name, value in names.items()
-        if isinstance(value, FunctionType) and value.__module__ != __name__
+        if isinstance(value, FunctionType) and value.__module__ != __name__ and _OTHERWISE.get(value) is not function
     }
     if names.get("math") is math:
         import numpy as np
