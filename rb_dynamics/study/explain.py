@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -46,7 +47,7 @@ _LEAST_STEPS = 16
 # The first part of a timed run, as a power of 1/2 of it: the cost of a simulated second is not yet known.
 _SMALLEST_PART = 32
 
-# Simulated time run before the stopwatch starts, for imports and tables.
+# Simulated time run before the stopwatch starts, for tables and the first imports.
 _WARM_UP_NS = 1000
 
 # Set-up that takes a smaller fraction of a run is not worth a remark.
@@ -347,7 +348,7 @@ def _measured(
     with counted_by(stopwatch.tally(none=True)):
         _start(scene, commands).advance(_WARM_UP_NS)
     for _ in range(2):
-        tally = stopwatch.tally()
+        tally, modules = stopwatch.tally(), len(sys.modules)
         with counted_by(tally):
             run, reached, wall = _timed(scene, commands, length, budget, stopwatch, with_outputs)
         # Outputs count too: a closed form takes one step for any number of them.
@@ -357,9 +358,12 @@ def _measured(
     else:
         return run, math.nan, tally
     again = _REPEATS - 1 if wall < _SHORT else int(reached < length)
-    if reached < length and tally.asked:
-        # A longer run would use kernels that this one did not: what was timed does not represent it.
-        tally, wall, again = stopwatch.tally(length / reached), math.inf, again + 1
+    longer = reached < length and bool(tally.asked)
+    if longer:
+        tally = stopwatch.tally(length / reached)
+    if longer or len(sys.modules) > modules:
+        # This is not the cost of a longer run: that would use kernels that this one did not, or import nothing.
+        wall, again = math.inf, again + 1
     with counted_by(tally):
         for _ in range(again):
             wall = min(wall, _timed(scene, commands, reached, math.inf, stopwatch, with_outputs)[2])

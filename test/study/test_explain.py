@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -383,3 +385,17 @@ def test_sensors_slower_than_the_body_turns_are_named() -> None:
     scene = parse_scene(f"{text}wrenches: []\nsensors: {sensors}\nduration: 1\n")
     (found,) = (remark for remark in explain(scene, budget=0.02).remarks if "message" in remark)
     assert found.startswith("tracker: the body turns by 2 rad from one message to the next")
+
+
+def test_the_first_imports_are_not_part_of_the_cost() -> None:
+    code = (
+        "import functools, sys\n"
+        "from rb_dynamics.study import explain as module\n"
+        "module.Stopwatch = functools.partial(module.Stopwatch, lambda: 1e-3 * len(sys.modules))\n"
+        f"found = module.explain({str(ROOT / 'config' / 'dzhanibekov.yaml')!r})\n"
+        "print(found.cost_per_s, found.bare_cost_per_s, 'numpy' in sys.modules)"
+    )
+
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert result.stdout.split() == ["0.0", "0.0", "True"]
