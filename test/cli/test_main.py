@@ -96,6 +96,11 @@ def test_options_of_other_commands_are_parameters_of_a_node(
     assert "parameters" not in refusal(capsys, "node", "s.yaml", "other.yaml")
 
 
+def test_arguments_of_ros_come_after_their_mark(capsys: pytest.CaptureFixture[str]) -> None:
+    told = refusal(capsys, "node", "s.yaml", "-p", "lockstep:=true", "-r", "__ns:=/a")
+    assert "come after --ros-args: --ros-args -p lockstep:=true -r __ns:=/a; see" in told
+
+
 @pytest.mark.parametrize(
     ("given", "option", "other"),
     [

@@ -32,7 +32,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _as_parameters(words: Sequence[str]) -> str:
-    """Return the node parameters that correspond to `words`, options of other commands; "" if there are none."""
+    """Return what to write for `words`, options of other commands or of ROS; "" if they are neither."""
+    if words[0] in ("-p", "-r"):
+        return f"; arguments of ROS come after --ros-args: --ros-args {' '.join(words)}"
     told = []
     for word, after in zip(words, [*words[1:], "--"], strict=True):
         option, equals, value = word.partition("=")
