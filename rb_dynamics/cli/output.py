@@ -261,7 +261,7 @@ def _lines(what: str, unit: str, first: int) -> Callable[[int, int], None]:
         if first < done < total and now - told >= _TELL_S:
             told, passed = now, now - begun
             left = passed * (total - done) / (done - first)
-            print(f"{what}: {done} of {total} {unit}s, {passed:.0f} s passed, some {left:.0f} s left", file=sys.stderr)
+            print(f"{what}: {done} of {total} {unit}s after {passed:.0f} s, some {left:.0f} s left", file=sys.stderr)
 
     return tell
 

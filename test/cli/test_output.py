@@ -47,8 +47,8 @@ def test_without_a_terminal_a_line_tells_the_progress_now_and_then(
         for done in (30, 40, 50, 60, 100):
             tell(done, 100)
     assert capsys.readouterr().err.splitlines() == [
-        "campaign.yaml: 40 of 100 runs, 11 s passed, some 33 s left",
-        "campaign.yaml: 60 of 100 runs, 22 s passed, some 22 s left",
+        "campaign.yaml: 40 of 100 runs after 11 s, some 33 s left",
+        "campaign.yaml: 60 of 100 runs after 22 s, some 22 s left",
     ]
 
 
