@@ -88,7 +88,7 @@ def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStat
         values = dict(health.values)
         if values.get("overruns", "0") != "0":
             dropped = values.get("time dropped", "some time")
-            found.append(f"The machine was too slow {values['overruns']}×; {dropped} was dropped.")
+            found.append(f"The machine was too slow, or busy, {values['overruns']}×; {dropped} was dropped.")
         if health.worst_level > 0:
             found.append(f"The diagnostics came to level {health.level}.")
     return found

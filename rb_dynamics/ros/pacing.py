@@ -103,7 +103,7 @@ class Pacer:
         if not self._overruns:
             return ""
         times = "once" if self._overruns == 1 else f"{self._overruns} times"
-        return f"fell behind {times}, by {self._dropped_ns / 1e9:.3f} s in all: the machine is too slow for this"
+        return f"fell behind {times}, by {self._dropped_ns / 1e9:.3f} s in all: the machine is too slow, or busy"
 
 
 class ClockFollower:
