@@ -236,7 +236,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         if (at := _unexpected(track, steps, timeout_ns, expected, since)) is not None:
             wrong = f"{steps.topic} has at {_seconds(track, at)} what no command of that time gives"
             return Check(check, False, wrong)
-    return Check(check, True, f"{count} wrenches") if sources else None
+    return Check(check, True, f"{count} wrench{'es' * (count != 1)}") if sources else None
 
 
 def _held_before(scene: Scene, channels: WrenchChannels, channel: Channel) -> tuple[int | None, HeldWrench | None]:

@@ -252,9 +252,8 @@ class RigidBodyNode(Node):
         self.runner.report()
         simulation = self.runner.simulation
         simulation.finish()
-        self.get_logger().info(
-            f"stopped at {self.runner.shown_time} after {simulation.steps} steps of {simulation.methods}"
-        )
+        steps = f"{simulation.steps} step{'s' * (simulation.steps != 1)}"
+        self.get_logger().info(f"stopped at {self.runner.shown_time} after {steps} of {simulation.methods}")
 
     def _introduction(self) -> str:
         settings, scene, factor = self._settings, self._settings.scene, self._settings.mode.real_time_factor

@@ -187,6 +187,13 @@ def test_a_genuine_log_does_not_fail(tmp_path: Path, old: str, new: str) -> None
         assert not {ENERGY, "/ns" + ODOM, ODOM, MOMENTA, APPLIED, FITS} & failed(tmp_path / name).keys()
 
 
+def test_one_wrench_is_not_several(tmp_path: Path) -> None:
+    text = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push}]\nduration: 1"
+    simulate(parse_scene(text), [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(tmp_path / "run.mcap")])
+    (found,) = [check for check in inspect(tmp_path / "run.mcap").summary.checks if check.name == APPLIED]
+    assert (found.passed, found.detail) == (True, "1 wrench")
+
+
 def test_a_huge_command_that_was_followed_at_once_is_none_without_a_cause(tmp_path: Path) -> None:
     huge = [("push", Wrench((x, 0.0, 0.0), frame_id="body", stamp_ns=7)) for x in (1e100, 1.0)]
     text = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push}]\nduration: 1"
