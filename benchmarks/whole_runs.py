@@ -124,7 +124,7 @@ def long_runs(task: Problem, folder: Path) -> list[tuple[str, str, str, str]]:
             write_inputs(replace(task, duration=float(seconds), wanted=1e-6, **wrenches), folder, rate, ("thrusters",))
             taken, memory = used(COMMANDS["the same, `--mcap`"], folder)
             cells = f"{taken:.2f} s", f"{seconds / taken:,.0f}", f"{memory:.0f} MB"
-            found.append((f"{seconds} s, {rate} outputs a second", *cells))
+            found.append((f"{seconds} s, {rate} output{'s' * (rate != 1)} a second", *cells))
     return found
 
 
@@ -191,9 +191,8 @@ def page(
         text += f"\nOther programs, for the integration alone, without scene, bag and outputs: {listed}.\n"
     imports = median(found[IMPORTS])
     text += (
-        f"\nImports take {imports:.2f} s, {imports / median(found[PLAIN]):.0%} of the run: that is what keeps a whole "
-        "command from the time of an integration. In one process, with commands as arrays, `simulate` takes what "
-        "[benchmarks](benchmarks.md) show.\n"
+        f"\nImports take {imports:.2f} s, {100 * imports / median(found[PLAIN]):.0f} % of the run. In one process, "
+        "with commands as arrays, `simulate` takes what [benchmarks](benchmarks.md) show.\n"
     )
     text += (
         "\n## An hour of commands\n\nThe same forces and torques in body axes again and again, 100 a second, to 1e-6 "
@@ -203,8 +202,7 @@ def page(
     few, many = (1e6 * float(row[1].split()[0]) / (100 * HOUR) for row in long[2:])
     text += (
         f"\nA command takes {few:.1f} us in all: it is read twice (to find out about the bag, and for the run), moved "
-        f"by, hashed, logged as received and as it acts. An output takes {many - few:.1f} us more. 3000 times real "
-        f"time would be {1e6 / (3000 * 100):.1f} us for both.\n"
+        f"by, hashed, logged as received and as it acts. An output takes {many - few:.1f} us more.\n"
     )
     text += (
         f"\n## Logs\n\n`config/dzhanibekov.yaml` with {SAMPLES:,} outputs: processor time of each in the whole "
