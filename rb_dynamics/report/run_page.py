@@ -319,7 +319,7 @@ def _defects(track: Track, summary: RunSummary) -> list[Figure]:
     if angular is not None or linear is not None:
         caption = (
             "The change of the momenta that the impulses do not explain, from the start of each stretch for which it "
-            "is known. In a good run this is round-off noise around zero."
+            "is known. In a good run it stays far below the largest momentum."
         )
         given = [None if balance is None else _series(track, balance) for balance in (angular, linear)]
         figures.append(Figure(plots.momentum_defects(*given), caption))
