@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from found import Row, StepRow
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 from peers.c import COMMON, FLAGS
 from written import processor, svg, table, wrapped
 
@@ -211,6 +212,9 @@ def figure(task: Problem, rows: Sequence[Row]) -> Figure:
                   markeredgecolor="white", markeredgewidth=0.4, zorder=order, label=row.name)  # fmt: skip
     axes.axhline(task.wanted, color=DARK, linewidth=0.8, linestyle=(0, (6, 3)), label="wanted")
     axes.set(xscale="log", yscale="log", ylim=(5e-17, 10.0), xlabel="time, s", ylabel="error of the attitude, rad")
+    # Between powers of ten too, where there are few of them.
+    axes.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 0.5)))
+    axes.tick_params(axis="x", which="minor", labelsize=7.5)
     axes.grid(color=GREY, alpha=0.25, linewidth=0.5)
     drawn.legend(fontsize=7.5, frameon=False, loc="outside right center", handlelength=3.0)
     return drawn
