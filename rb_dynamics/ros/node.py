@@ -508,7 +508,7 @@ class RigidBodyNode(Node):
         factor = None
         for parameter in parameters:
             if parameter.name == "real_time_factor":
-                factor = real_time_factor(parameter.value, lockstep=self.runner.lockstep)
+                factor = real_time_factor(parameter.value)
                 if self._settings.use_sim_time:
                     raise SceneError(
                         f"parameter real_time_factor: found {factor:g} while /clock is followed, expected no change, "

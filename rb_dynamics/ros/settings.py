@@ -122,9 +122,9 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
         raise SceneError("parameter scene: found nothing, expected a scene file; start with --ros-args -p scene:=FILE")
     scene = read_scene(path, overrides)
     require_paceable(scene)
+    factor = real_time_factor(values["real_time_factor"])
     apply_at = _choice("apply_at", values["apply_at"], "arrival", "stamp")
     flags = {name: _flag(name, values[name]) for name, (default, _) in _PARAMETERS.items() if default is False}
-    factor = real_time_factor(values["real_time_factor"], lockstep=flags["lockstep"])
     use_sim_time = bool(node.get_parameter("use_sim_time").value)
     if use_sim_time:
         _require_one_master(flags, factor)
@@ -309,22 +309,17 @@ def number(name: str, value: object) -> float:
     return float(value)
 
 
-def real_time_factor(value: object, *, lockstep: bool) -> float:
+def real_time_factor(value: object) -> float:
     """Return a real-time factor that can be computed with in ns, or 0.
 
     Raises:
-        SceneError: it is out of range, or would change nothing because commands move time.
+        SceneError: it is out of range.
     """
     factor = number("real_time_factor", value)
     if factor and not _SLOWEST <= factor <= _FASTEST:
         raise SceneError(
             f"parameter real_time_factor: found {factor:g}, expected 0 (as fast as possible) or a number from "
             f"{_SLOWEST:g} to {_FASTEST:g}; write such a number"
-        )
-    if lockstep and factor not in (0.0, 1.0):
-        raise SceneError(
-            f"parameter real_time_factor: found {factor:g} in lockstep, expected none, as the commands move time; "
-            "leave it out, or start without lockstep"
         )
     return factor
 

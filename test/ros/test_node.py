@@ -258,7 +258,6 @@ def test_namespace_remapping_and_scene_overrides(scene: Path, peer: Peer, tmp_pa
     [
         ({"real_time_factor": -1.0}, "real_time_factor"),
         ({"real_time_factor": ".nan"}, "real_time_factor"),
-        ({"real_time_factor": 2.0, "lockstep": True}, "found 2 in lockstep"),
         ({"lockstep": 3}, "lockstep"),
         ({"use_sim_time": 3}, "use_sim_time"),
         ({"apply_at": "whenever"}, "'arrival' or 'stamp'"),
