@@ -59,19 +59,11 @@ class Opcode(enum.IntEnum):
     DATA_END = 15
 
 
-_NEEDED = frozenset(
-    (
-        Opcode.FOOTER,
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.MESSAGE,
-        Opcode.CHUNK,
-        Opcode.ATTACHMENT,
-        Opcode.METADATA,
-        Opcode.STATISTICS,
-        Opcode.DATA_END,
-    )
-)
+# What is read front to back has no use for an index.
+_NEEDED = frozenset(Opcode) - {
+    *(Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
+    Opcode.SUMMARY_OFFSET,
+}
 # Stands for the opcode of a chunk that is cut off by the end of the file; no record has it.
 _CUT_CHUNK = -1
 _GIT_LFS = b"version https://git-lfs.github.com/spec/"
@@ -588,9 +580,9 @@ class McapFile:
             if _has_end(file, start, size):
                 raise self._damage(f"has no record at {place}, but more after it")
             return None
-        following = _next_chunk(file, start, size)
+        following = _first(_is_chunk, file, start, size)
         if following is None and not chunked:
-            following = _next_records(file, start, size)
+            following = _first(_in_a_row, file, start, size)
         if following is not None:
             self.damage.append(str(self._damage(f"has no record at {place}, and the next at {following}")))
             gone = (times for at, times in self._chunks.items() if place <= at < following)
@@ -632,7 +624,7 @@ class McapFile:
             self.damage.append(str(error))
             with contextlib.suppress(LogError):
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
-                if begin_ns <= end_ns < 2**63:
+                if begin_ns <= end_ns < _END_OF_TIME:
                     self.missing.append((begin_ns, end_ns))
 
     def _cut_chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
@@ -668,22 +660,23 @@ class McapFile:
         channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         channel = self.channels.get(channel_id)
         if channel is None:
-            damage = self._damage(f"has a message on channel {channel_id}, which it does not declare")
-            if not self.salvage:
-                raise damage
-            self.damage += [str(damage)] if str(damage) not in self.damage[-1:] else []
+            self._leave_out(f"has a message on channel {channel_id}, which it does not declare")
             return None
         if log_time >= _END_OF_TIME or publish_time >= _END_OF_TIME:
-            damage = self._damage(
+            self._leave_out(
                 f"has a message on {channel.topic} of log time {log_time} ns and publish time {publish_time} ns, "
                 "beyond the 2^63 ns that ROS counts to"
             )
-            if not self.salvage:
-                raise damage
-            if str(damage) not in self.damage[-1:]:
-                self.damage.append(str(damage))
             return None
         return Message(channel, log_time, publish_time, data[content:end])
+
+    def _leave_out(self, what: str) -> None:
+        """Note a message that cannot be read, once for several in a row; it is an error unless to salvage."""
+        damage = self._damage(what)
+        if not self.salvage:
+            raise damage
+        if str(damage) not in self.damage[-1:]:
+            self.damage.append(str(damage))
 
     def _note(self, opcode: int, content: bytes, summary: bool = False) -> None:
         """Keep the content of a record other than a message; `summary`: of one that may repeat those in the data."""
@@ -809,31 +802,8 @@ def require_file(path: Path) -> None:
         )
 
 
-def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
-    """Return where the next whole chunk with consistent lengths begins; None if there is none.
-
-    Does not move the position in the file.
-    """
-    found, at = None, start
-    while found is None and at < size:
-        file.seek(at)
-        part = file.read(2**20)
-        place = part.find(Opcode.CHUNK)
-        while place >= 0 and found is None:
-            file.seek(at + place)
-            head = file.read(_RECORD.size)
-            if len(head) == _RECORD.size:
-                length = _RECORD.unpack(head)[1]
-                inside = _chunk_length(file.read(_CHUNK_HEAD_BYTES))
-                found = at + place if inside == length <= size - (at + place + _RECORD.size) else None
-            place = part.find(Opcode.CHUNK, place + 1)
-        at += len(part)
-    file.seek(start)
-    return found
-
-
-def _next_records(file: BinaryIO, start: int, size: int) -> int | None:
-    """Return where the next of several records in a row begins, of known kinds; None if there is none.
+def _first(is_one: Callable[[BinaryIO, int, int], bool], file: BinaryIO, start: int, size: int) -> int | None:
+    """Return the first place from `start` on where `is_one` finds a record; None if there is none.
 
     Does not move the position in the file.
     """
@@ -844,13 +814,18 @@ def _next_records(file: BinaryIO, start: int, size: int) -> int | None:
         raw = np.frombuffer(part, np.uint8)
         # Of a record that is neither huge nor of another kind; few other bytes look like it.
         likely = (raw[:-8] > 0) & (raw[:-8] <= max(Opcode)) & (raw[6:-2] == 0) & (raw[7:-1] == 0) & (raw[8:] == 0)
-        for place in np.flatnonzero(likely).tolist():
-            if _in_a_row(file, at + place, size):
-                found = at + place
-                break
+        found = next((at + k for k in np.flatnonzero(likely).tolist() if is_one(file, at + k, size)), None)
         at += max(len(part) - 8, 1)
     file.seek(start)
     return found
+
+
+def _is_chunk(file: BinaryIO, at: int, size: int) -> bool:
+    """Return whether a whole chunk with consistent lengths begins here."""
+    file.seek(at)
+    opcode, length = _RECORD.unpack(file.read(_RECORD.size))
+    inside = _chunk_length(file.read(_CHUNK_HEAD_BYTES))
+    return bool(opcode == Opcode.CHUNK and inside == length <= size - (at + _RECORD.size))
 
 
 def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:
