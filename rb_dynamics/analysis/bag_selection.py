@@ -35,7 +35,7 @@ def part_of(track: Track, window_s: Window) -> Bag:
             f"{(start_ns - zero_ns) / 1e9:.9g} to {(end_ns - zero_ns) / 1e9:.9g} s; give --from and --to within it"
         )
     begin, end = (-(2**63) if first is None else first), (2**63 - 1 if last is None else last)
-    motion = [series.topic for series in (track.pose, track.twist) if series is not None]
+    motion = [series.topic for series in track.motion]
     stamped = [track.bag.topics[name] for name in motion if name in track.bag.topics]
     # Topics without stamps go by log times, which may be of another clock.
     line = ClockLine()

@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
-from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement
+from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement, Leaps
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic_messages import Topic
@@ -126,8 +126,8 @@ def losses(track: Track) -> list[str]:
 def _motion(track: Track) -> list[TimeSeries]:
     """Return pose and twist; if both are from one topic, only the one that lacks more rows."""
     found: dict[str, TimeSeries] = {}
-    for series in (track.pose, track.twist):
-        if series is not None and (series.topic not in found or series.left_out > found[series.topic].left_out):
+    for series in track.motion:
+        if series.topic not in found or series.left_out > found[series.topic].left_out:
             found[series.topic] = series
     return list(found.values())
 
@@ -141,7 +141,7 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     if lost:
         return _unread(lost[0])
     begin = track.zero_ns
-    parts = [each for each in (track.pose, track.twist) if each is not None and each.topic == series.topic]
+    parts = [each for each in track.motion if each.topic == series.topic]
     spikes = [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
     if faults := [*series.faults(begin), *spikes, *filter(None, (contradictions(each, begin) for each in parts))]:
         return Check(name, False, "; ".join(faults))
@@ -218,7 +218,7 @@ def one_recording(track: Track) -> Check:
     return Check("files are one recording", False, f"{len(apart) + 1} recordings in one folder: {named}; inspect each")
 
 
-def _continuous(track: Track, found: Continuity, leaps: tuple[float, float, float] | None) -> Check:
+def _continuous(track: Track, found: Continuity, leaps: Leaps | None) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name = f"{topic} has no jumps"
     if found.returns is not None:
@@ -228,7 +228,7 @@ def _continuous(track: Track, found: Continuity, leaps: tuple[float, float, floa
         pose = "attitude" if went.turns else "position"
         return Check(name, False, f"the {pose} jumps away and back {often}: {what}")
     if leaps:
-        return Check(name, False, f"{_leaps(leaps)}: these are no attitudes of one body")
+        return Check(name, False, f"{leaps}: these are no attitudes of one body")
     if found.jumps:
         largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
         shown = [jump for jump in found.jumps if jump in largest][:NAMED]
@@ -237,12 +237,6 @@ def _continuous(track: Track, found: Continuity, leaps: tuple[float, float, floa
         far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so a jump cannot be detected"
         return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
     return Check(name, True, "neither in attitude nor in position")
-
-
-def _leaps(found: tuple[float, float, float]) -> str:
-    share, turned, told = found
-    rest = f"by {turned:.3g} rad in the median, while the angular velocity turns the body by {told:.2g} rad"
-    return f"the attitude leaps in {100.0 * share:.3g} % of the samples, {rest}"
 
 
 def _frozen(track: Track, found: Continuity) -> Check:
@@ -277,7 +271,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
     if each.nothing:
         return Check(name, False, f"it is always zero although the {each.of} changes: it was not filled in")
     if each.leaps:
-        return Check(name, False, _leaps(each.leaps))
+        return Check(name, False, str(each.leaps))
     measured = f"{100.0 * each.error:.3g} % (median of {each.windows} windows of {each.window_s:g} s)"
     aligned = f"; {each.words}" if each.words else ""
     if not each.contradicts:
@@ -290,7 +284,7 @@ def _agrees(track: Track, each: Agreement) -> Check:
         part += "of another body"
         return Check(name, False, f"they differ by {measured}, but {part}")
     reading = f"; read {each.remedy} it fits to {100.0 * each.remaining:.2g} %" if each.remedy else aligned
-    frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in (track.pose, track.twist) if s is not None]
+    frames = [f"{s.topic} (frame {frame_names([s.frame])})" for s in track.motion]
     return Check(name, False, f"{' and '.join(frames)} contradict each other by {measured}{reading}")
 
 

@@ -48,7 +48,7 @@ def clocks(track: Track) -> tuple[Clock, ...]:
     """Return the clocks of pose, twist and wrenches; empty for a log of this package, whose stamps are log times."""
     if track.own:
         return ()
-    names = [series.topic for series in (track.pose, track.twist) if series is not None]
+    names = [series.topic for series in track.motion]
     names += [steps.topic for steps in track.wrenches]
     topics = [track.bag.topics[name] for name in dict.fromkeys(names)]
     return tuple(clock(topic) for topic in topics if topic.count)
@@ -89,8 +89,8 @@ def clock(topic: Topic) -> Clock:
 def log_time_of_zero(track: Track) -> int:
     """Return the log time (ns) from which the output counts, whose stamps may be those of another clock."""
     start = track.zero_ns
-    for series in (track.pose, track.twist):
-        topic = track.bag.topics.get(series.topic) if series is not None and not track.own else None
+    for series in () if track.own else track.motion:
+        topic = track.bag.topics.get(series.topic)
         if topic is not None and topic.count and topic.stamps_given:
             later = int(topic.log_times[0] - topic.stamps[0])
             return start + later if abs(later) > APART * 1e9 else start

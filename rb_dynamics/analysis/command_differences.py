@@ -14,7 +14,6 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
-from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
@@ -199,13 +198,13 @@ def _setpoints(track: Track, offset_ns: int) -> dict[str, _Setpoints]:
 
 def _actuators(track: Track) -> tuple[Actuator, ...]:
     """Return the actuators of the scene of a log."""
-    scene = logged_scene(track.bag.attachments)
+    scene = track.scene
     return () if scene is None else scene.actuators
 
 
 def _sampled(track: Track) -> set[str]:
     """Return the topics of a log on which wrenches change gradually: each row holds for its own time only."""
-    scene = logged_scene(track.bag.attachments) if track.own else None
+    scene = track.scene
     if scene is None:
         return set()
     names = [channel.topic for channel in scene.channels if channel.lag]

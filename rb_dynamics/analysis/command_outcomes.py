@@ -95,7 +95,7 @@ def _known(track: Track, drops: list[int]) -> bool:
         return True
     if track.bag.missing:
         return bool(drops)
-    return not any(series is not None and gaps(series.time_ns) for series in (track.pose, track.twist))
+    return not any(gaps(series.time_ns) for series in track.motion)
 
 
 def _honoured(declared: WrenchFrames, wrench: Wrench) -> bool:

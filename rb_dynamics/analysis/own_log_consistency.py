@@ -37,7 +37,6 @@ from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
-from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
@@ -62,7 +61,7 @@ def self_consistency(track: Track) -> list[Check]:
     """Return the checks that the data of `track`, a log of this package, allow; none for other bags."""
     if not track.own:
         return []
-    scene = logged_scene(track.bag.attachments)
+    scene = track.scene
     found = [_odometry(track), _momenta(track, scene)]
     # In a part of a log the rest is not known: where it begins, and what came before.
     if not track.bag.cut_ns:

@@ -98,6 +98,27 @@ class TwistReading:
         return " and ".join(parts)
 
 
+class Leaps(NamedTuple):
+    """Of an attitude that leaps from sample to sample: in which fraction of them, and by how much in the median.
+
+    Attributes:
+        share: fraction of the samples.
+        turned: median, rad.
+        told: how far the rates turn the body meanwhile, median, rad.
+    """
+
+    share: float
+    turned: float
+    told: float
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        return (
+            f"the attitude leaps in {100.0 * self.share:.3g} % of the samples, by {self.turned:.3g} rad in the median, "
+            f"while the angular velocity turns the body by {self.told:.2g} rad"
+        )
+
+
 @dataclass(frozen=True)
 class Agreement:
     """How well twist and pose agree.
@@ -119,8 +140,7 @@ class Agreement:
         arm: of the position that of the pose lies from that of the twist, m, body axes; None where that is not seen.
         arm_error: its standard error, m.
         rare: whether interpolation between samples may explain a large `error`.
-        leaps: of an attitude that leaps from sample to sample: in which fraction of them, by how much in the median,
-            and how far the rates turn the body meanwhile, rad; None of a motion.
+        leaps: of the attitude; None of a motion.
     """
 
     of: str
@@ -139,7 +159,7 @@ class Agreement:
     arm: tuple[float, float, float] | None = None
     arm_error: float = 0.0
     rare: bool = False
-    leaps: tuple[float, float, float] | None = None
+    leaps: Leaps | None = None
 
     @property
     def words(self) -> str:
@@ -216,7 +236,7 @@ def _leaping(both: _Both) -> Agreement | None:
         float(np.median(np.diff(both.time_ns)[wide])) * 1e-9,
         len(turned),
         contradicts=True,
-        leaps=(float(wide.mean()), float(np.median(turned)), float(np.median(told))),
+        leaps=Leaps(float(wide.mean()), float(np.median(turned)), float(np.median(told))),
     )
 
 

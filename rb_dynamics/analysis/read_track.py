@@ -285,8 +285,12 @@ class _TrackReader:
 
     def _also(self, name: str, types: Sequence[str]) -> str:
         """Return the topic called `name`, chosen for something else, if it is of one of `types`, too; else ""."""
-        found = next((t for t in self.bag.topics.values() if t.name.lstrip("/") == name.lstrip("/")), None)
+        found = self._called(name)
         return found.name if found is not None and found.type_name in types else ""
+
+    def _called(self, name: str) -> Topic | None:
+        """Return the topic called `name`, with or without its first slash."""
+        return next((t for t in self.bag.topics.values() if t.name.lstrip("/") == name.lstrip("/")), None)
 
     def _given(self, name: str, types: Sequence[str], option: str) -> str:
         """Return the topic called `name`, with or without its first slash.
@@ -298,7 +302,7 @@ class _TrackReader:
         for each in (name, f"/{name}"):
             if each in usable:
                 return each
-        there = next((t for t in self.bag.topics.values() if t.name.lstrip("/") == name.lstrip("/")), None)
+        there = self._called(name)
         found = "no such topic" if there is None else f"{there.type_name}, {there.count} messages"
         listed = ", ".join(f"{t.name} ({t.type_name}, {t.count} messages)" for t in usable.values()) or "none"
         raise LogError(f"{self.bag.path}: {option} {name}: found {found}, expected one of: {listed}; name one of these")
@@ -346,7 +350,7 @@ class _TrackReader:
                 f"The axes of {topic} ({frame}) are taken for those of the body: nothing here says how the sensor is "
                 "mounted."
             )
-        self.notes += [note] if note and note not in self.notes else []
+        self._note_once(note)
         return np.array([0.0, 0.0, 0.0, 1.0]) if found is None else found.turn
 
     def _mount(self, frame: str) -> _Mount | None:
@@ -386,7 +390,7 @@ class _TrackReader:
             f"{series.topic} tells of {frame}: its {use} is converted to that of {mount.body}, as {mount.source} says "
             "how the two are fixed to each other."
         )
-        self.notes += [note] if note not in self.notes else []
+        self._note_once(note)
         named = mount.body if mount.source != "the scene" else self._body_frame()
         return replace(series, values=values, frame=series.frame if use == "pose" else named)
 
@@ -404,7 +408,12 @@ class _TrackReader:
             f"{frame} is taken for the frame of the body: /tf_static says that it is fixed to {held[0]}, but not how "
             f"to {body!r}, as the scene calls that of the body; name it there, as body.frame."
         )
-        self.notes += [note] if note not in self.notes else []
+        self._note_once(note)
+
+    def _note_once(self, note: str) -> None:
+        """Add a note, unless it is there or empty."""
+        if note and note not in self.notes:
+            self.notes.append(note)
 
     def _child_frames(self) -> set[str]:
         """Return the frame of the body as the topic of the pose names it."""

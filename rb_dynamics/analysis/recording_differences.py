@@ -25,7 +25,6 @@ from rb_dynamics.analysis.transform_tree import is_fixed, pose_between
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse, rotations_between
 from rb_dynamics.scene.model import Scene
 
@@ -605,8 +604,7 @@ def _runs(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
 
 def _devices(a: Track, b: Track) -> list[tuple[str, Any, Any]]:
     """Return the numbers of actuators, sensors and wrench channels in which the scenes of two logs differ."""
-    scenes = logged_scene(a.bag.attachments), logged_scene(b.bag.attachments)
-    one, other = ({} if scene is None else _numbers_of_devices(scene) for scene in scenes)
+    one, other = ({} if scene is None else _numbers_of_devices(scene) for scene in (a.scene, b.scene))
     if not (one and other):
         return []
     names = [name for name in dict.fromkeys((*one, *other)) if one.get(name) != other.get(name)]

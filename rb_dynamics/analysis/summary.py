@@ -35,7 +35,6 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
-from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.number_parsing import whole_number
 
 EXPLAINS, MASS_EXPLAINS = "inertia explains the motion", "mass explains the motion"
@@ -250,12 +249,9 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return ""
     if track.bag.boundaries and not one_recording(track).passed:
         return "these are several recordings"
-    if any(
-        series is not None and series.disorder is not None and series.disorder.restarts
-        for series in (track.pose, track.twist)
-    ):
+    if any(series.disorder is not None and series.disorder.restarts for series in track.motion):
         return "these are several runs"
-    if any(series is not None and series.hangs for series in (track.pose, track.twist)):
+    if any(series.hangs for series in track.motion):
         return "stamps stand still for a while"
     if any(each.contradicts for each in agreed):
         return "pose and twist contradict each other"
@@ -438,8 +434,7 @@ def _epoch(bag: Bag) -> list[str]:
 
 
 def _channels(track: Track, health: WorstStatus | None) -> list[ChannelHistory]:
-    scene = logged_scene(track.bag.attachments) if track.own else None
-    names = track.bag.metadata.get(TOPICS, {})
+    scene, names = track.scene, track.bag.metadata.get(TOPICS, {})
     channels = {names.get(each.topic, ""): each for each in (() if scene is None else scene.channels)}
     declared = None if scene is None else scene.frames
     return [

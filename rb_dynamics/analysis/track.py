@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.wrench_channels import Channel
-from rb_dynamics.logs.bag_reader import Bag
-from rb_dynamics.logs.messages import SET_STATE
+from rb_dynamics.logs.bag_reader import IMUS, Bag
+from rb_dynamics.logs.messages import is_state_change
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_order import Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
+from rb_dynamics.scene.model import Scene
 
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
@@ -232,7 +234,7 @@ class Track:
     @property
     def span_ns(self) -> tuple[int, int]:
         """First and last time of the motion, or of the wrenches if no motion is recorded."""
-        motion = [series.time_ns for series in (self.pose, self.twist) if series is not None and len(series.time_ns)]
+        motion = [series.time_ns for series in self.motion if len(series.time_ns)]
         times = motion or [steps.time_ns for steps in self.wrenches if len(steps.time_ns)]
         if not times:
             return 0, 0
@@ -244,12 +246,8 @@ class Track:
 
         Of a log of this package, also of one that `convert` made a bag of.
         """
-        name, type_name = SET_STATE
-        found = [
-            topic.log_times
-            for topic in self.bag.topics.values()
-            if topic.type_name == type_name and topic.name.rpartition("/")[2] == name
-        ]
+        topics = self.bag.topics.values()
+        found = [topic.log_times for topic in topics if is_state_change(topic.name, topic.type_name)]
         return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
 
     def moved_before(self, time_ns: Times) -> NDArray[np.bool_]:
@@ -266,8 +264,23 @@ class Track:
     @property
     def faults(self) -> list[str]:
         """What is wrong with frames and stamps of pose and twist, as text."""
-        series = [each for each in (self.pose, self.twist) if each is not None]
-        return [*dict.fromkeys(f"{each.topic}: {fault}" for each in series for fault in each.faults(self.zero_ns))]
+        told = (f"{each.topic}: {fault}" for each in self.motion for fault in each.faults(self.zero_ns))
+        return [*dict.fromkeys(told)]
+
+    @property
+    def motion(self) -> tuple[TimeSeries, ...]:
+        """Pose and twist, as far as they are recorded."""
+        return tuple(series for series in (self.pose, self.twist) if series is not None)
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene of a log of this package."""
+        return logged_scene(self.bag.attachments) if self.own else None
+
+    def from_imu(self, series: TimeSeries) -> bool:
+        """Return whether an IMU measured a series: its attitude is an estimate."""
+        topic = self.bag.topics.get(series.topic)
+        return topic is not None and topic.type_name in IMUS
 
     @property
     def moving(self) -> TimeSeries | None:

@@ -30,7 +30,6 @@ from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typ
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, motion_blocks, shared
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.logs.bag_reader import IMUS
 from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
@@ -181,7 +180,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     not that of independent samples, so that the fit alone judges.
     """
     pose, body = track.pose, track.body
-    if track.own or pose is None or body is None or body.is_particle or _estimated(track, pose):
+    if track.own or pose is None or body is None or body.is_particle or track.from_imu(pose):
         return None
     direct = track.twist is not None and not track.twist.partial
     if direct and track.twist is not None:
@@ -279,12 +278,6 @@ def _factor(given: Array, other: FittedInertia) -> float | None:
     factor = float(np.trace(given) / np.trace(other.matrix))
     alike = np.linalg.norm(other.matrix - given / factor) <= _ALIKE * np.linalg.norm(other.errors)
     return factor if other.scaled and alike else None
-
-
-def _estimated(track: Track, pose: TimeSeries) -> bool:
-    """Return whether an attitude is the estimate of an IMU."""
-    topic = track.bag.topics.get(pose.topic)
-    return topic is not None and topic.type_name in IMUS
 
 
 def _share(found: InertiaScore, track: Track) -> float:

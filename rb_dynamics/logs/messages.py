@@ -172,6 +172,11 @@ def encode_state_change(change: StateChange, frames: WrenchFrames) -> bytes:
     return pack(*split_stamp(change.time_ns), pose, (*change.linear_velocity_body, *change.angular_velocity_body))
 
 
+def is_state_change(topic: str, type_name: str) -> bool:
+    """Return whether a topic is `SET_STATE`, in any namespace."""
+    return (topic.rpartition("/")[2], type_name) == SET_STATE
+
+
 def decode_state_change(message: Message) -> StateChange:
     """Return the state in a message of `SET_STATE`, at its log time, to the bit.
 

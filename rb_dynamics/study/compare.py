@@ -194,7 +194,7 @@ class _Flights:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
         self.notes += [f"{bag.path}: {each}." for each in losses(track)]
-        motion = [each.topic for each in (track.pose, track.twist) if each is not None] if self._one_bag else []
+        motion = [each.topic for each in track.motion] if self._one_bag else []
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 
     def _other_scene(self) -> Scene | None:

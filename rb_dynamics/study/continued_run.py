@@ -25,7 +25,7 @@ from rb_dynamics.formats.output_file import require_other
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.logs.messages import ACCEL, SET_STATE
+from rb_dynamics.logs.messages import ACCEL, is_state_change
 from rb_dynamics.logs.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.run.simulation import Simulation
@@ -222,9 +222,9 @@ def _require_possible(path: Path, scene: Scene, messages: Sequence[Message], tim
     Raises:
         LogError: says what it is.
     """
-    name, kind = SET_STATE
-    moves = [each for each in messages if each.channel.type_name == kind and each.channel.topic.endswith(f"/{name}")]
-    moved = any(each.log_time < time_ns for each in moves)
+    moved = any(
+        each.log_time < time_ns and is_state_change(each.channel.topic, each.channel.type_name) for each in messages
+    )
     if not 0 <= time_ns <= last_ns:
         raise LogError(
             f"--at: found {time_ns / 1e9:.9g} s, expected a time from 0 to {last_ns / 1e9:.9g} s, where the samples of "

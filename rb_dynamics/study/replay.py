@@ -64,6 +64,7 @@ from rb_dynamics.logs.messages import (
     encode_received,
     encode_setpoint,
     encode_state_change,
+    is_state_change,
     log_topics,
     measurement_packers,
     sample_encoder,
@@ -278,7 +279,7 @@ class _Facts:
                 wrenches.append(block.alone())
             elif block.channel.type_name == SCALAR and block.channel.topic not in _BOOKS:
                 received += block.messages()
-            elif _is_state_change(block.channel):
+            elif is_state_change(block.channel.topic, block.channel.type_name):
                 moves += block.messages()
             elif block.channel.type_name == SAMPLE_TOPICS[0][1]:
                 end_ns = max(end_ns, int(block.log_times.max()))
@@ -322,7 +323,7 @@ class _Facts:
                 yield time_ns, partial(_post, topic=topic, wrench=wrench, time_ns=time_ns)
             for topic, value, time_ns in received_setpoints(self.scene, self.names, [message]):
                 yield time_ns, partial(_actuate, topic=topic, value=value, time_ns=time_ns)
-            if _is_state_change(message.channel):
+            if is_state_change(message.channel.topic, message.channel.type_name):
                 yield message.log_time, partial(Simulation.set_state, change=decode_state_change(message))
 
 
@@ -367,11 +368,6 @@ class _Records:
         line = f"{name}: {what}"
         if line not in self.torn:
             self.torn.append(line)
-
-
-def _is_state_change(channel: McapChannel) -> bool:
-    name, type_name = SET_STATE
-    return channel.type_name == type_name and channel.topic.rpartition("/")[2] == name
 
 
 def _end(source: Source, told: str) -> int:

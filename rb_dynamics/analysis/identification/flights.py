@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
@@ -16,8 +17,9 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries,
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
 from rb_dynamics.loads.wrench_channels import Channel
-from rb_dynamics.logs.bag_reader import IMUS, Bag, read_bag
+from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
 from rb_dynamics.scene.model import Scene
 
@@ -53,6 +55,10 @@ class Stream:
     mount: Array = field(default_factory=lambda: np.eye(3))
     place: Array = field(default_factory=lambda: np.zeros(3))
     gyro: bool = False
+
+    def rows(self, of: slice | NDArray[np.bool_]) -> Stream:
+        """Return the same with some of its samples."""
+        return replace(self, time_ns=self.time_ns[of], values=self.values[of])
 
 
 @dataclass(frozen=True)
@@ -123,10 +129,7 @@ class Flight:
 
     def between(self, first_ns: int, end_ns: int) -> Flight:
         """Return what was measured from `first_ns` to before `end_ns`."""
-        streams = []
-        for stream in self.streams:
-            of = slice(*np.searchsorted(stream.time_ns, [first_ns, end_ns]).tolist())
-            streams.append(replace(stream, time_ns=stream.time_ns[of], values=stream.values[of]))
+        streams = (stream.rows(slice(*np.searchsorted(stream.time_ns, [first_ns, end_ns]))) for stream in self.streams)
         return replace(self, streams=tuple(streams), notes=())
 
     def without_repeats(self) -> Flight:
@@ -134,16 +137,8 @@ class Flight:
 
         What is recorded again would make errors look smaller; of a coarse clock the first is nearest to its time.
         """
-        streams, told = [], []
-        for stream in self.streams:
-            again = np.append(False, np.diff(stream.time_ns) == 0)
-            if again.any():
-                told.append(
-                    f"{self.name}: {int(again.sum())} of {len(again)} samples of {stream.topic} {stream.kind} have the "
-                    "time of the one before, and are left out"
-                )
-            streams.append(replace(stream, time_ns=stream.time_ns[~again], values=stream.values[~again]))
-        return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
+        again = [np.append(False, np.diff(stream.time_ns) == 0) for stream in self.streams]
+        return self._without_samples(again, "of the one before, and are left out", f"{self.name}: ")
 
     def between_commands(self) -> Flight:
         """Return the same without samples of accelerometers at the very time at which a command begins to act.
@@ -151,16 +146,19 @@ class Flight:
         Of another program it is not known whether they show what acted before it or from it on.
         """
         times = np.concatenate([np.zeros(0, np.int64), *(channel.time_ns for channel in self.channels)])
-        streams, told = [], []
-        for stream in self.streams:
-            at = np.isin(stream.time_ns, times) & (stream.kind == ACCELERATION)
-            if at.any():
-                told.append(
-                    f"{int(at.sum())} of {len(at)} samples of {stream.topic} {stream.kind} have the time of a command: "
-                    "whether they show what acted before or after it is not known, and they are left out"
-                )
-            streams.append(replace(stream, time_ns=stream.time_ns[~at], values=stream.values[~at]))
-        return replace(self, streams=tuple(streams), notes=(*self.notes, *told)) if told else self
+        at = [np.isin(stream.time_ns, times) & (stream.kind == ACCELERATION) for stream in self.streams]
+        why = "whether they show what acted before or after it is not known, and they are left out"
+        return self._without_samples(at, f"of a command: {why}")
+
+    def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str, name: str = "") -> Flight:
+        """Return the same without the samples `marked` in each stream, with a note: they have the time `why`."""
+        told = tuple(
+            f"{name}{int(rows.sum())} of {len(rows)} samples of {stream.topic} {stream.kind} have the time {why}"
+            for stream, rows in zip(self.streams, marked, strict=True)
+            if rows.any()
+        )
+        streams = tuple(stream.rows(~rows) for stream, rows in zip(self.streams, marked, strict=True))
+        return replace(self, streams=streams, notes=(*self.notes, *told)) if told else self
 
     def require_dense(self) -> None:
         """Refuse a recording between whose samples the body may have turned any number of times.
@@ -213,12 +211,9 @@ class Flight:
                         "convert what is otherwise than was said, or name other columns or frames"
                     )
                 if found.leaps:
-                    share, turned, told = found.leaps
                     raise LogError(
-                        f"{self.name}: {said} contradict each other: in {100.0 * share:.3g} % of the samples the "
-                        f"attitude leaps by {turned:.3g} rad in the median while the rates turn the body by {told:.2g} "
-                        "rad, expected attitudes of one body; write quaternions from angles in radians, or leave them "
-                        "out"
+                        f"{self.name}: {said} contradict each other: {found.leaps}, expected attitudes of one body; "
+                        "write quaternions from angles in radians, or leave them out"
                     )
                 if found.contradicts and found.error is not None:
                     notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %: no fit follows both")
@@ -232,13 +227,20 @@ class Flight:
         times = [stream.time_ns for stream in self.streams if len(stream.time_ns)]
         return min(int(time[0]) for time in times), max(int(time[-1]) for time in times)
 
+    @property
+    def seconds(self) -> float:
+        """How long was measured."""
+        first, last = self.span_ns
+        return (last - first) / NANOSECONDS
+
     def without(self, kinds: Sequence[str]) -> Flight:
         """Return the same without some kinds of measurements."""
         return replace(self, streams=tuple(stream for stream in self.streams if stream.kind not in kinds))
 
     def until(self, end_ns: int) -> Flight:
         """Return the same without what was measured after `end_ns`."""
-        return replace(self, streams=tuple(_cut(stream, end_ns) for stream in self.streams))
+        ends = (int(np.searchsorted(stream.time_ns, end_ns, side="right")) for stream in self.streams)
+        return replace(self, streams=tuple(s.rows(slice(end)) for s, end in zip(self.streams, ends, strict=True)))
 
 
 def usual_interval(time_ns: Times) -> float:
@@ -250,11 +252,6 @@ def usual_interval(time_ns: Times) -> float:
 def _blank(stream: Stream) -> Array:
     """Return rows for quantities that a stream does not measure."""
     return np.full((len(stream.time_ns), 3), np.nan)
-
-
-def _cut(stream: Stream, end_ns: int) -> Stream:
-    count = int(np.searchsorted(stream.time_ns, end_ns, side="right"))
-    return replace(stream, time_ns=stream.time_ns[:count], values=stream.values[:count])
 
 
 def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
@@ -275,7 +272,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     track = read_track(bag, None if own else scene, None if own else mine)
-    if any(series is not None and series.hangs for series in (track.pose, track.twist)):
+    if any(series.hangs for series in track.motion):
         raise LogError(
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
         )
@@ -285,7 +282,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
-    motion = next((each.topic for each in (track.pose, track.twist) if each is not None), "")
+    motion = next((each.topic for each in track.motion), "")
     channels += acting_elsewhere(
         commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
     )
@@ -387,7 +384,7 @@ def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
     series = track.pose
     if series is None or not len(series.time_ns):
         return []
-    if _is_imu(track, series):
+    if track.from_imu(series):
         notes.append(f"{series.topic}: its attitude is an estimate, not a measurement; left out")
         return []
     position, attitude = series.values[:, :3], series.values[:, 3:]
@@ -406,7 +403,7 @@ def _of_twist(track: Track, scene: Scene, zero: int, notes: list[str]) -> list[S
         return []
     parts = ((VELOCITY, series.values[:, :3]), (RATES, series.values[:, 3:]))
     found = [s for kind, values in parts for s in _unless_blank(track, series, kind, values, zero, notes)]
-    if not _is_imu(track, series):
+    if not track.from_imu(series):
         return [replace(stream, world=track.twist_in_world) for stream in found]
     if track.specific_force is not None:
         force = track.specific_force
@@ -415,11 +412,6 @@ def _of_twist(track: Track, scene: Scene, zero: int, notes: list[str]) -> list[S
     if fixed is None:
         return [replace(stream, gyro=True) for stream in found]
     return [replace(stream, gyro=True, place=np.array(fixed.position)) for stream in found]
-
-
-def _is_imu(track: Track, series: TimeSeries) -> bool:
-    topic = track.bag.topics.get(series.topic)
-    return topic is not None and topic.type_name in IMUS
 
 
 def _unless_blank(
