@@ -30,7 +30,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, named_type
-from rb_dynamics.logs.messages import APPLIED, SET_STATE, decode_setpoint
+from rb_dynamics.logs.messages import APPLIED, decode_setpoint, is_state_change
 from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.stamp_order import disorder
@@ -108,12 +108,10 @@ class _Span:
 
     def add(self, times_ns: Times) -> None:
         """Count times, in the order in which they were recorded on one topic."""
-        first_ns, last_ns = int(times_ns.min()), int(times_ns.max())
         newest = np.maximum.accumulate(times_ns)
         if self.last_ns is not None:
             newest = np.maximum(newest, self.last_ns)
-        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
-        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
+        self.first_ns, self.last_ns = _first(self.first_ns, int(times_ns.min())), int(newest[-1])
         self.delay_ns = max(self.delay_ns, int((newest - times_ns).max()))
 
 
@@ -210,8 +208,7 @@ class _Recording:
     @property
     def first_ns(self) -> int | None:
         """The first command of either kind."""
-        firsts = (self.span.first_ns, self.setpoints.by(self.line).first_ns)
-        return min((each for each in firsts if each is not None), default=None)
+        return _first(self.span.first_ns, self.setpoints.by(self.line).first_ns)
 
     @property
     def line(self) -> ClockLine:
@@ -231,7 +228,7 @@ class _Recording:
             if -APART_NS * bool(line.drift) <= more_ns <= max(APART_NS, uneven_ns):
                 return self._unless_one(line)
         found = () if self.uneven else (self.behind_ns, None if self.partly_unset else self.unset_ns)
-        return self._unless_one(ClockLine(behind_ns=min((each for each in found if each is not None), default=0)))
+        return self._unless_one(ClockLine(behind_ns=_first(*found) or 0))
 
     @staticmethod
     def _unless_one(line: ClockLine) -> ClockLine:
@@ -282,8 +279,7 @@ class _Recording:
         if len(stamps):
             self.clocks.setdefault((kind in KEPT, block.channel.topic), StampClock()).add(log_times, stamps)
             if kind in KEPT:
-                first_ns = int(stamps.min())
-                self.moves_ns = first_ns if self.moves_ns is None else min(self.moves_ns, first_ns)
+                self.moves_ns = _first(self.moves_ns, int(stamps.min()))
 
     def goes_on(self, channel: int, stamps_ns: Times) -> None:
         """Take further stamps of a channel."""
@@ -581,10 +577,9 @@ class RecordedWrenches:
         bag = _Recording(bag.path, bag.by_log, bag.offset_ns, fills=bag.fills, known=known)
         source = open_source(bag.path)
         for block in source.blocks():
-            earliest_ns = int(block.log_times.min())
-            bag.begin_ns = earliest_ns if bag.begin_ns is None else min(bag.begin_ns, earliest_ns)
+            bag.begin_ns = _first(bag.begin_ns, int(block.log_times.min()))
             kind, name = named_type(block.channel), block.channel.topic
-            if (name.rpartition("/")[2], kind) == SET_STATE:
+            if is_state_change(name, kind):
                 bag.moves += len(block.log_times)
             if self._drives(block.channel) is not None:
                 bag.setpoints.add(block.log_times)
@@ -625,10 +620,13 @@ class RecordedWrenches:
             LogError: the stamps of a channel begin again.
         """
         stamped: dict[int, list[tuple[Times, Times]]] = {}
-        zeros_ns: dict[bool, int] = {}
+        # The first message of all, and that of the motion: as `convert` counts, --from and --to are from the latter.
+        begin_ns = motion_ns = None
         for block in open_source(bag.path).blocks():
-            kind, moves = named_type(block.channel), named_type(block.channel) in {*POSES, *TWISTS, *IMUS}
-            zeros_ns[moves] = min(zeros_ns.get(moves, 2**63), int(block.log_times.min()))
+            kind, earliest_ns = named_type(block.channel), int(block.log_times.min())
+            begin_ns = _first(begin_ns, earliest_ns)
+            if kind in {*POSES, *TWISTS, *IMUS}:
+                motion_ns = _first(motion_ns, earliest_ns)
             if kind == WRENCH and block.channel.topic.removeprefix("/") in self._wanted:
                 stamped.setdefault(id(block.channel), []).append(_stamped(block, kind))
         for blocks in stamped.values():
@@ -639,12 +637,13 @@ class RecordedWrenches:
                 log_times, stamps = log_times[order], stamps[order]
             found = disorder(stamps)
             if found is not None and found.restarts:
-                end_ns, begin_ns = found.restarts[0]
-                of_next = np.flatnonzero(stamps == begin_ns)
+                end_ns, next_ns = found.restarts[0]
+                of_next = np.flatnonzero(stamps == next_ns)
                 row = of_next[of_next > np.flatnonzero(stamps == end_ns)[0]][0]
-                at_s = (int(log_times[row]) - zeros_ns.get(True, zeros_ns[False])) / _NANOSECONDS
+                zero_ns = begin_ns if motion_ns is None else motion_ns
+                at_s = (int(log_times[row]) - (zero_ns or 0)) / _NANOSECONDS
                 raise LogError(
-                    f"{bag.path}: the stamps of its commands begin again, {_seconds(begin_ns)} s after "
+                    f"{bag.path}: the stamps of its commands begin again, {_seconds(next_ns)} s after "
                     f"{_seconds(end_ns)} s, expected those of one run, as they would act together; cut one out: "
                     f"convert {bag.path} part.mcap --to {at_s - 1e-6:.6f}, or --from {at_s:.6f}"
                 )
@@ -751,7 +750,7 @@ class RecordedWrenches:
         if isinstance(start, int):
             return start
         if start == "first":
-            return min((bag.first_ns for bag in bags if bag.first_ns is not None), default=0)
+            return _first(*(bag.first_ns for bag in bags)) or 0
         return min(bag.start_ns for bag in bags)
 
     def _run(self) -> str:
@@ -871,11 +870,14 @@ def _pause_ns(bag: _Recording, other: _Recording) -> float:
     return max(0, mine.first_ns - its.last_ns, its.first_ns - mine.last_ns)
 
 
+def _first(*times_ns: int | None) -> int | None:
+    """Return the least of those that are known; None without any."""
+    return min((time_ns for time_ns in times_ns if time_ns is not None), default=None)
+
+
 def _least(known: int | None, more: Times) -> int | None:
     """Return the least of what was known and of more times; None without any."""
-    if not len(more):
-        return known
-    return int(more.min()) if known is None else min(known, int(more.min()))
+    return _first(known, int(more.min())) if len(more) else known
 
 
 def _require_whole(source: Source, block: MessageBlock, kind: str) -> None:
