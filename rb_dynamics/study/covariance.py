@@ -29,7 +29,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.identification.identify import Identification
 from rb_dynamics.analysis.identification.measurement_model import Model
-from rb_dynamics.analysis.identification.parameters import AXES, PLACES
+from rb_dynamics.analysis.identification.parameters import AXES, rows_of
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.log_metadata import RUN
@@ -220,10 +220,7 @@ def _at_start(model: Model, scene: Scene) -> Array:
         block = model.layout[f"initial[0].{name}"]
         z[block.at] = (np.array(getattr(state, name)) - block.start) / block.scale
     block = model.layout["initial[0].rotation"]
-    measured = model.starts[0].attitude
-    z[block.at] = rotations.logarithms(
-        rotations.products(rotations.conjugates(measured), np.array(state.orientation_xyzw))
-    )
+    z[block.at] = rotations.between(model.starts[0].attitude, np.array(state.orientation_xyzw))
     return z
 
 
@@ -332,10 +329,7 @@ def _moved(model: Model, z: Array, by: Array, change: Array) -> Array | None:
     size, shape = model.layout["size"].at, model.layout["shape"].at
     six, six_by = model.inertia.derivative(0.0, np.zeros(5))
     target = six + six_by @ (moved - z)[[size.start, *range(shape.start, shape.stop)]]
-    matrix = np.zeros((3, 3))
-    for (i, j), value in zip(PLACES, target, strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    moments = np.linalg.eigvalsh(matrix)
+    moments = np.linalg.eigvalsh(rows_of(target))
     if moments[0] <= 0.0 or moments[2] >= moments[0] + moments[1]:
         return None
     at = moved[[size.start, *range(shape.start, shape.stop)]]

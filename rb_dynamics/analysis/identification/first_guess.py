@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream, usual_interval
 from rb_dynamics.analysis.identification.measurement_model import Model
-from rb_dynamics.analysis.identification.parameters import PLACES
+from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.loads.drag import LinearDrag, QuadraticDrag
 from rb_dynamics.loads.uniform_gravity import UniformGravity
@@ -85,10 +85,7 @@ def _inertia(model: Model) -> Array | None:
         part = balance[:, :6] - balance[:, 6:] @ np.linalg.lstsq(balance[:, 6:], balance[:, :6], rcond=None)[0]
         six = root @ np.linalg.svd(part @ root, full_matrices=False)[2][-1]
         six *= model.inertia.trace / six[:3].sum()
-    second = 0.5 * six[:3].sum() * np.eye(3)
-    for (i, j), value in zip(PLACES, six, strict=True):
-        second[i, j] -= value
-        second[j, i] = second[i, j]
+    second = 0.5 * six[:3].sum() * np.eye(3) - rows_of(six)
     if not (np.isfinite(second).all() and np.trace(second) > 0.0):
         return None
     # The nearest that a body has.
@@ -129,7 +126,7 @@ def _turning(flight: Flight, fastest: float) -> tuple[Times, Array] | None:
 def _differences(stream: Stream) -> tuple[Times, Array]:
     kept = np.diff(stream.time_ns, append=np.iinfo(np.int64).max) > 0
     times, attitudes = stream.time_ns[kept], stream.values[kept]
-    steps = rotations.logarithms(rotations.products(rotations.conjugates(attitudes[:-1]), attitudes[1:]))
+    steps = rotations.between(attitudes[:-1], attitudes[1:])
     spans = np.diff(times)
     return times[:-1] + spans // 2, steps / (spans[:, None] / NANOSECONDS)
 

@@ -44,7 +44,6 @@ from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
-from rb_dynamics.logs.bag_reader import IMUS
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO
@@ -282,8 +281,7 @@ def _streams(track: Track) -> list[Stream]:
     if track.pose is not None:
         found.append(Stream(track.pose.topic, ATTITUDE, track.pose.time_ns, track.pose.values[:, 3:]))
     if track.twist is not None and any(rows[:, 3:].any() for rows in in_blocks(track.twist.values)):
-        rates, topic = track.twist.values[:, 3:], track.bag.topics.get(track.twist.topic)
-        gyro = topic is not None and topic.type_name in IMUS
+        rates, gyro = track.twist.values[:, 3:], track.from_imu(track.twist)
         found.append(
             Stream(track.twist.topic, RATES, track.twist.time_ns, rates, track.twist_in_world and not gyro, gyro=gyro)
         )
@@ -566,9 +564,8 @@ def _scaled(covariance: Array) -> bool:
 
 def _of_moments(model: Model, z: Array, matrix: Array) -> Array:
     """Return the derivatives (3, 6) of the principal moments of an inertia, ascending, by its size and shape."""
-    size, shape = float(z[model.layout["size"].at][0]), z[model.layout["shape"].at]
     _, axes = np.linalg.eigh(matrix)
-    six = model.inertia.derivative(size, shape)[1]
+    six = model.inertia.derivative(*model.size_and_shape(z))[1]
     found: Array = np.array([[axis @ rows_of(column) @ axis for column in six.T] for axis in axes.T])
     return found
 
@@ -577,7 +574,7 @@ def _unseen(model: Model, z: Array, covariance: Array) -> tuple[float, float, fl
     """Return the relative error of each principal moment, ascending, that noise may hide."""
     matrix = model.body(z).inertia
     moments, axes = np.linalg.eigh(matrix)
-    by = model.inertia.derivative(float(z[model.layout["size"].at][0]), z[model.layout["shape"].at])[1]
+    by = model.inertia.derivative(*model.size_and_shape(z))[1]
     told, found = np.linalg.inv(covariance), []
     for moment, axis in zip(moments, axes.T, strict=True):
         change = [moment * axis[i] * axis[j] for i, j in PLACES]

@@ -23,7 +23,7 @@ from rb_dynamics.analysis.identification.fit_consistency import (
     model_of_others,
     predicting,
 )
-from rb_dynamics.analysis.identification.flights import RATES, Flight, read_flight
+from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
@@ -242,9 +242,8 @@ class Identification:
 
 
 def _of_body(name: str) -> bool:
-    return name.split(".", maxsplit=1)[0] in ("mass", "center_of_mass", "inertia", "inertia_ratios") or name.startswith(
-        "effects["
-    )
+    mass_properties = ("mass", "center_of_mass", "inertia", "inertia_ratios")
+    return name.partition(".")[0] in mass_properties or name.startswith("effects[")
 
 
 _AS_WELL = 2.0
@@ -719,9 +718,9 @@ class _Report:
 
     def _inertia_by(self) -> Array:
         """Return the derivatives (3, 3, p) of the inertia by all parameters."""
-        layout, z = self.model.layout, self.z
+        layout = self.model.layout
         by = np.zeros((3, 3, layout.count))
-        _, by_six = self.model.inertia.derivative(float(z[layout["size"].at][0]), z[layout["shape"].at])
+        _, by_six = self.model.inertia.derivative(*self.model.size_and_shape(self.z))
         for (i, j), row in zip(PLACES, by_six, strict=True):
             by[i, j, layout["size"].at] = by[j, i, layout["size"].at] = row[:1]
             by[i, j, layout["shape"].at] = by[j, i, layout["shape"].at] = row[1:]
@@ -982,11 +981,6 @@ def _combination(vector: Array, names: Sequence[str]) -> str:
     return " ".join(f"{sign * float(vector[k]):+.2f} {names[k]}" for k in kept)
 
 
-def _unit(vector: Array) -> Array:
-    found: Array = vector / np.linalg.norm(vector)
-    return found
-
-
 def _upwards(axis: Array) -> Array:
     """Return an axis with its largest component positive."""
     found: Array = axis * np.sign(axis[int(np.abs(axis).argmax())]) + 0.0
@@ -995,17 +989,10 @@ def _upwards(axis: Array) -> Array:
 
 def _rates_of(model: Model) -> Array:
     """Return the mean of w w^T over the measured rates, body axes."""
-    rows = [
-        stream.values @ stream.mount
-        for flight in model.flights
-        for stream in flight.streams
-        if stream.kind == "rates" and not stream.world
-    ]
-    for flight in model.flights if not rows else ():
-        for stream in flight.streams:
-            if stream.kind == "attitude":
-                steps = rotations.products(rotations.conjugates(stream.values[:-1]), stream.values[1:])
-                rows.append(rotations.logarithms(steps))
+    streams = [stream for flight in model.flights for stream in flight.streams]
+    rows = [stream.values @ stream.mount for stream in streams if stream.kind == RATES and not stream.world]
+    if not rows:
+        rows = [rotations.between(s.values[:-1], s.values[1:]) for s in streams if s.kind == ATTITUDE]
     every = np.vstack(rows) if rows else np.zeros((1, 3))
     found: Array = every.T @ every / len(every)
     return found

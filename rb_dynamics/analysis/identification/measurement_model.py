@@ -163,15 +163,17 @@ class Model:
 
     def body(self, z: Array) -> Body:
         """Return the body that parameters stand for."""
-        mass, size, shape = self.scene.body.mass, 0.0, np.zeros(5)
-        center = np.array(self.scene.body.center_of_mass)
+        mass = self.scene.body.mass
         if "mass" in self.layout:
             mass *= float(np.exp(z[self.layout["mass"].at][0]))
-        if "shape" in self.layout:
-            size, shape = float(z[self.layout["size"].at][0]), z[self.layout["shape"].at]
-        if "center_of_mass" in self.layout:
-            center = self.layout["center_of_mass"].values(z)
-        return Body(mass, center, rows_of(self.inertia.derivative(size, shape)[0]))
+        center = self.layout.values("center_of_mass", z, np.array(self.scene.body.center_of_mass))
+        return Body(mass, center, rows_of(self.inertia.derivative(*self.size_and_shape(z))[0]))
+
+    def size_and_shape(self, z: Array) -> tuple[float, Array]:
+        """Return the parameters of the inertia; zeros where it is not fitted."""
+        if "shape" not in self.layout:
+            return 0.0, np.zeros(5)
+        return float(z[self.layout["size"].at][0]), z[self.layout["shape"].at]
 
     @property
     def arm(self) -> float:
@@ -276,7 +278,7 @@ class Model:
             layout.add(f"{name}.angular_velocity_body", np.full(3, start.fastest), start.rate)
             if self.moves[number]:
                 layout.add(f"{name}.position_world", np.full(3, start.extent), start.position)
-                speed = start.extent / max(1e-9, self._seconds(number)) + float(np.linalg.norm(start.velocity))
+                speed = start.extent / max(1e-9, self.flights[number].seconds) + float(np.linalg.norm(start.velocity))
                 layout.add(f"{name}.linear_velocity_world", np.full(3, speed), start.velocity)
         if "mass" in self.fit:
             layout.add("mass", [1.0])
@@ -351,10 +353,6 @@ class Model:
     def _topics(self) -> list[str]:
         return list(dict.fromkeys(stream.topic for flight in self.flights for stream in flight.streams))
 
-    def _seconds(self, number: int) -> float:
-        first, last = self.flights[number].span_ns
-        return (last - first) / NANOSECONDS
-
     def _place(self, key: str) -> tuple[Effect, str, int]:
         """Return effect, name and place in the numbers of the body (-1: is held, -2: other effect) of a dotted key.
 
@@ -405,7 +403,7 @@ class Model:
             self.layout.add(key, np.full(len(start), float(np.abs(start).max()) or 1.0), start)
             return
         body, start_of = self._like, self.starts[0]
-        seconds = max(1e-9, *(self._seconds(number) for number in range(len(self.flights))))
+        seconds = max(1e-9, *(flight.seconds for flight in self.flights))
         moment = float(np.linalg.eigvalsh(body.inertia)[-1])
         speed = start_of.extent / seconds + float(np.linalg.norm(start_of.velocity))
         scale = {
@@ -428,10 +426,7 @@ class Model:
         """Return the `BODY` numbers of the body and their derivatives by all parameters."""
         numbers, by = np.zeros(BODY), np.zeros((BODY, self.layout.count))
         body, layout = self.body(z), self.layout
-        size, shape = 0.0, np.zeros(5)
-        if "shape" in layout:
-            size, shape = float(z[layout["size"].at][0]), z[layout["shape"].at]
-        numbers[:6], by_six = self.inertia.derivative(size, shape)
+        numbers[:6], by_six = self.inertia.derivative(*self.size_and_shape(z))
         if "shape" in layout:
             by[:6, layout["size"].at], by[:6, layout["shape"].at] = by_six[:, :1], by_six[:, 1:]
         numbers[6] = body.mass
@@ -441,8 +436,7 @@ class Model:
             for (kind, name), place in _PLACES.items():
                 if isinstance(effect, kind):
                     key = f"effects[{i}].{name}"
-                    value = layout[key].values(z) if key in layout else np.array(getattr(effect, name))
-                    numbers[place : place + 3] += value
+                    numbers[place : place + 3] += layout.values(key, z, np.array(getattr(effect, name)))
                     if key in layout:
                         by[place : place + 3, layout[key].at] = np.diag(layout[key].scale)
         return numbers, by
@@ -478,8 +472,7 @@ class Model:
         return state, by
 
     def _delay_ns(self, z: Array, name: str) -> int:
-        block = f"delay.{name}"
-        return round(float(self.layout[block].values(z)[0]) * NANOSECONDS) if block in self.layout else 0
+        return round(float(self.layout.values(f"delay.{name}", z, np.zeros(1))[0]) * NANOSECONDS)
 
     def of_flight(
         self, z: Array, number: int, flight: Flight, derivatives: bool = True, begin_ns: int | None = None
@@ -601,7 +594,7 @@ class Model:
     def _of_stream(self, z: Array, number: int, stream: Stream, seen: _Seen, rows: Any, mine: Any) -> Predicted:
         """Return what a stream should have measured at those of the ascending `rows` which are in a block."""
         of = slice(*np.searchsorted(rows, [0, len(seen.states)]).tolist())
-        part = replace(stream, time_ns=stream.time_ns[of], values=stream.values[of])
+        part = stream.rows(of)
         at = _span(rows[of])
         here = _Seen(*(each[at] if len(each) else each for each in seen))
         left, by = self._against(z, number, part, here, _span(mine))
@@ -655,23 +648,25 @@ class Model:
             name, factor = f"wrench_scale.{topic}", 1.0
             if name in self.layout:
                 block = self.layout[name]
-                held_by[:, :12, block.at.start - self._held_from] = acting * block.scale
+                held_by[:, :12, self._place_of_held(block).start] = acting * block.scale
                 factor = block.values(z)[0]
             held[:, :12] += factor * acting
             if "center_of_mass" in self.layout and at_point.any():
                 block = self.layout["center_of_mass"]
-                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
-                held_by[:, 3:6, place] += factor * rotations.hats(at_point) * block.scale
+                held_by[:, 3:6, self._place_of_held(block)] += factor * rotations.hats(at_point) * block.scale
             for k, block, unit in fits:
-                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
                 by = unit[:, :12].copy()
                 by[:, 3:6] -= np.cross(moved, unit[:, 12:])
-                held_by[row == k, :12, place] = by.T * block.scale
+                held_by[row == k, :12, self._place_of_held(block)] = by.T * block.scale
         seconds = starts / NANOSECONDS
         held[:, 18] = seconds
         for i, rotor in acting_on.rotors:
             self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
         return held, held_by, commanded
+
+    def _place_of_held(self, block: ParameterBlock) -> slice:
+        """Return where a block is among those that change what is held."""
+        return slice(block.at.start - self._held_from, block.at.stop - self._held_from)
 
     def _schedules(self, z: Array) -> Iterator[tuple[tuple[Times, Array], list[tuple[int, ParameterBlock, Array]]]]:
         """Yield scheduled wrenches as they are fitted; and which row changes with what block by how much, per axis."""
@@ -692,8 +687,7 @@ class Model:
         """Add the momentum of a rotor and its rate to each interval."""
 
         def value(name: str, given: Array) -> Array:
-            key = f"effects[{i}].{name}"
-            return self.layout[key].values(z) if key in self.layout else given
+            return self.layout.values(f"effects[{i}].{name}", z, given)
 
         direction = value("axis_body", np.array(rotor.axis_body))
         length = float(np.linalg.norm(direction))
@@ -716,8 +710,7 @@ class Model:
             key = f"effects[{i}].{name}"
             if key in self.layout:
                 block = self.layout[key]
-                place = slice(block.at.start - self._held_from, block.at.stop - self._held_from)
-                held_by[:, 12:18, place] = by * block.scale
+                held_by[:, 12:18, self._place_of_held(block)] = by * block.scale
 
     def _against(self, z: Array, number: int, stream: Stream, seen: _Seen, mine: Any) -> tuple[Array, Array]:
         """Return predicted less measured of a stream, and its derivatives by all parameters."""
@@ -731,7 +724,7 @@ class Model:
         delay = f"delay.{stream.topic}"
         if stream.kind == NODE:
             of = 3 * (4 if self.moves[number] else 2)
-            turned = rotations.logarithms(rotations.products(rotations.conjugates(stream.values[:, :4]), attitude))
+            turned = rotations.between(stream.values[:, :4], attitude)
             left = np.hstack([turned, seen.states[:, 4 : of + 1] - stream.values[:, 4 : of + 1]])
             columns = seen.columns[:, :of].copy()
             columns[:, :3] = np.linalg.inv(rotations.right_jacobians(turned)) @ columns[:, :3]
@@ -739,7 +732,7 @@ class Model:
             by[:, :, mine] = columns
             return left, by
         if stream.kind == ATTITUDE:
-            left = rotations.logarithms(rotations.products(rotations.conjugates(stream.values), attitude))
+            left = rotations.between(stream.values, attitude)
             inverse = np.linalg.inv(rotations.right_jacobians(left))
             by[:, :, mine] = inverse @ turn
             change = inverse @ rate[:, :, None]
@@ -786,24 +779,18 @@ class Model:
         if stream.world:
             by[:, :, mine] = matrix @ (spin - rotations.hats(rate) @ turn)
             return np.einsum("nij,nj->ni", matrix, rate) - stream.values, matrix @ change
-        names = {name: f"{name}.{stream.topic}" for name in ("gyro_scale", "gyro_alignment")}
-        align = layout[names["gyro_alignment"]].values(z) if names["gyro_alignment"] in layout else np.zeros(3)
-        scale = layout[names["gyro_scale"]].values(z) if names["gyro_scale"] in layout else np.ones(3)
+        of_align, of_scale = (f"{name}.{stream.topic}" for name in ("gyro_alignment", "gyro_scale"))
+        align, scale = layout.values(of_align, z, np.zeros(3)), layout.values(of_scale, z, np.ones(3))
         mount = rotations.matrices(rotations.quaternions(align)) @ stream.mount
         turned = rate @ mount.T
         by[:, :, mine] = scale[:, None] * (mount @ spin)
-        if names["gyro_alignment"] in layout:
-            outer = np.swapaxes(rotations.right_jacobians(align), -1, -2)
-            block = layout[names["gyro_alignment"]]
+        if of_align in layout:
+            outer, block = np.swapaxes(rotations.right_jacobians(align), -1, -2), layout[of_align]
             by[:, :, block.at] = -scale[:, None] * (rotations.hats(turned) @ outer) * block.scale
-        if names["gyro_scale"] in layout:
-            block = layout[names["gyro_scale"]]
+        if of_scale in layout:
+            block = layout[of_scale]
             by[:, :, block.at] = turned[:, :, None] * np.diag(block.scale)
-        left = scale * turned - stream.values
-        bias = f"gyro_bias[{number}].{stream.topic}"
-        if bias in layout:
-            left = left + layout[bias].values(z)
-            by[:, :, layout[bias].at] = np.diag(layout[bias].scale)
+        left = self._biased(z, f"gyro_bias[{number}].{stream.topic}", scale * turned - stream.values, by)
         return left, scale[:, None] * (mount @ change)
 
     def _specific_force(
@@ -814,7 +801,7 @@ class Model:
         turn, spin = seen.columns[:, :3], seen.columns[:, 3:6]
         numbers, numbers_by = self._numbers(z)
         place = f"accelerometer_position.{stream.topic}"
-        lever = (layout[place].values(z) if place in layout else stream.place) - self.body(z).center_of_mass
+        lever = layout.values(place, z, stream.place) - self.body(z).center_of_mass
         back = np.swapaxes(matrix, 1, 2)
         pushed = np.einsum("nij,nj->ni", back, seen.slopes[:, 10:13] - numbers[25:28])
         hat, hats = rotations.hats(lever), rotations.hats(rate)
@@ -831,14 +818,18 @@ class Model:
         if "center_of_mass" in layout:
             by[:, :, layout["center_of_mass"].at] -= arms * layout["center_of_mass"].scale
         by[:] = stream.mount @ by
-        left = inner @ stream.mount.T - stream.values
-        bias = f"accelerometer_bias[{number}].{stream.topic}"
-        if bias in layout:
-            left = left + layout[bias].values(z)
-            by[:, :, layout[bias].at] = np.diag(layout[bias].scale)
+        shown = inner @ stream.mount.T
+        left = self._biased(z, f"accelerometer_bias[{number}].{stream.topic}", shown - stream.values, by)
         # Between samples the jerk is near enough.
-        change = np.gradient(inner @ stream.mount.T, stream.time_ns / NANOSECONDS, axis=0)[:, :, None]
-        return left, change
+        return left, np.gradient(shown, stream.time_ns / NANOSECONDS, axis=0)[:, :, None]
+
+    def _biased(self, z: Array, name: str, left: Array, by: Array) -> Array:
+        """Return `left` with the bias of a sensor, if it is fitted, and put what that changes into `by`."""
+        if name not in self.layout:
+            return left
+        block = self.layout[name]
+        by[:, :, block.at] = np.diag(block.scale)
+        return left + block.values(z)
 
 
 class _Acting(NamedTuple):
@@ -925,11 +916,11 @@ def _start(flight: Flight) -> InitialEstimate:
     if ATTITUDE in found:
         stream = found[ATTITUDE]
         attitude = stream.values[0]
-        turned = rotations.logarithms(rotations.products(rotations.conjugates(stream.values[:-1]), stream.values[1:]))
+        turned = rotations.between(stream.values[:-1], stream.values[1:])
         seconds = np.diff(stream.time_ns) / NANOSECONDS
         speeds = np.linalg.norm(turned, axis=1)[seconds > 0.0] / seconds[seconds > 0.0]
         fastest = float(np.quantile(speeds, 0.99)) if len(speeds) else 0.0
-        near = rotations.logarithms(rotations.products(rotations.conjugates(attitude[None]), stream.values))
+        near = rotations.between(attitude[None], stream.values)
         rate = _slope(stream.time_ns, near, _within(np.linalg.norm(near, axis=1), 0.5))
     if RATES in found:
         stream = found[RATES]

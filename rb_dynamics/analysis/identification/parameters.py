@@ -66,6 +66,10 @@ class Layout:
         """Return a block."""
         return self.blocks[name]
 
+    def values(self, name: str, z: Array, otherwise: Array) -> Array:
+        """Return the values of a block, in SI units; `otherwise` where it is not there."""
+        return self.blocks[name].values(z) if name in self.blocks else otherwise
+
 
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Where Ixx, Iyy, Izz, Ixy, Ixz and Iyz stand in a matrix."""

@@ -62,6 +62,11 @@ def conjugates(q: Array) -> Array:
     return found
 
 
+def between(p: Array, q: Array) -> Array:
+    """Return the rotation vectors (..., 3), body axes, that turn attitudes p into q."""
+    return logarithms(products(conjugates(p), q))
+
+
 def logarithms(q: Array) -> Array:
     """Return the rotation vectors (..., 3), of at most pi, of unit quaternions."""
     vector, scalar = q[..., :3], q[..., 3:]
