@@ -153,21 +153,30 @@ def written_page(name: str) -> str:
     return written(name) + ("" if library() else f"; its figures are pictures: {interactive}")
 
 
+def note(text: str) -> None:
+    """Print a note on stderr."""
+    print(f"note: {text}", file=sys.stderr, flush=True)
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    print(f"warning: {text}", file=sys.stderr, flush=True)
+
+
 def note_coasting(scene: Scene) -> None:
     """Note on stderr that nothing acts, if the scene has channels."""
     if scene.channels and not scene.effects and "wrenches" in scene.text and scene.past is None:
         topics = ", ".join(channel.topic for channel in scene.channels)
-        print(f"note: no commands on {topics}: the body coasts; give a bag of commands with --wrench", file=sys.stderr)
+        note(f"no commands on {topics}: the body coasts; give a bag of commands with --wrench")
 
 
 def note_open_end(scene: Scene) -> None:
     """Note on stderr that the bits are not those of a log without a duration."""
     from rb_dynamics.run.plan import OPEN_END_HORIZON
 
-    print(
-        f"note: {scene.source} is of a run without a duration, whose accuracy was for {OPEN_END_HORIZON:g} s; here it "
-        f"is for the {scene.duration:.9g} s of the log, so the last digits may differ: replay has the bits of the log",
-        file=sys.stderr,
+    note(
+        f"{scene.source} is of a run without a duration, whose accuracy was for {OPEN_END_HORIZON:g} s; here it is for "
+        f"the {scene.duration:.9g} s of the log, so the last digits may differ: replay has the bits of the log"
     )
 
 
@@ -176,7 +185,7 @@ def note_remarks(scene: Scene) -> None:
     from rb_dynamics.run.scene_remarks import scene_remarks
 
     for remark in scene_remarks(scene):
-        print(f"note: {remark}", file=sys.stderr)
+        note(remark)
 
 
 def note_run(run: Run, scene: Scene, commands: RecordedWrenches | list[tuple[str, Wrench]]) -> None:
@@ -188,24 +197,23 @@ def note_run(run: Run, scene: Scene, commands: RecordedWrenches | list[tuple[str
     first += ((topic, command.stamp_ns) for topic, command in one_by_one)
     rate = max(norm(scene.initial.angular_velocity_body), norm(run.sample.angular_velocity_body))
     for remark in (*run.remarks, *command_remarks(first, rate)):
-        print(f"note: {remark}", file=sys.stderr)
+        note(remark)
 
 
 def note_start(commands: RecordedWrenches) -> None:
     """Print on stderr which time of the bags is time 0 of the run, if it is not that of the stamps."""
-    for note in commands.notes:
-        print(f"note: {note}", file=sys.stderr)
+    for remark in commands.notes:
+        note(remark)
 
 
 def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
     """Warn on stderr of commands before the start of the run, and after its end."""
     if commands.superseded:
-        print(f"warning: {commands.superseded_words}", file=sys.stderr)
+        warn(commands.superseded_words)
     if commands.prolonged and scene.past is None:
-        print(
-            f"warning: {', '.join(commands.prolonged)}: the last command before time 0 acts for the whole timeout from "
-            "there on, and not from its own time; let the run begin with it by --wrench-start first, or between two",
-            file=sys.stderr,
+        warn(
+            f"{', '.join(commands.prolonged)}: the last command before time 0 acts for the whole timeout from there "
+            "on, and not from its own time; let the run begin with it by --wrench-start first, or between two"
         )
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
@@ -213,27 +221,20 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
             "; their times are of another clock than those of the others, as of Wrench, which has no stamp, beside "
             "WrenchStamped in simulation time; record both with stamps of one clock"
         )
-        print(
-            f"warning: {commands.late} of {len(commands)} commands lie after the end of the run at "
-            f"{scene.duration:g} s and have no effect (the first of all is at simulation time {first:.9g} s)"
-            f"{clocks if commands.two_clocks else ''}",
-            file=sys.stderr,
+        warn(
+            f"{commands.late} of {len(commands)} commands lie after the end of the run at {scene.duration:g} s and "
+            f"have no effect (the first of all is at simulation time {first:.9g} s)"
+            f"{clocks if commands.two_clocks else ''}"
         )
 
 
 def warn_rejected(run: Run, commands: int) -> None:
     """Warn on stderr of rejected commands, with the reason for the first, and of clipped ones."""
     if run.rejected:
-        print(
-            f"warning: {len(run.rejected)} of {commands} commands were rejected and had no effect; "
-            f"the first: {run.rejected[0]}",
-            file=sys.stderr,
-        )
+        rejected = f"{len(run.rejected)} of {commands} commands were rejected and had no effect"
+        warn(f"{rejected}; the first: {run.rejected[0]}")
     if run.clipped:
-        print(
-            f"note: {run.clipped} of {commands} commands were clipped to the limits of their channel or actuator",
-            file=sys.stderr,
-        )
+        note(f"{run.clipped} of {commands} commands were clipped to the limits of their channel or actuator")
 
 
 @contextlib.contextmanager

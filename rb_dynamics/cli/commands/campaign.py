@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.parser import require_with
@@ -85,7 +84,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     """Run what `store` does not have yet, and print statistics over all rows."""
     import json
 
-    from rb_dynamics.cli.output import counting, show, written_page
+    from rb_dynamics.cli.output import counting, note, show, written_page
     from rb_dynamics.formats.output_file import OutputFile
     from rb_dynamics.study.campaign.engine import goes_alone, run_campaign
     from rb_dynamics.study.campaign.loop_stability import remarks
@@ -94,15 +93,14 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
 
     out = store.path
     if store.done:
-        print(f"note: {store.done} of {campaign.runs} runs are on disk already", file=sys.stderr)
+        note(f"{store.done} of {campaign.runs} runs are on disk already")
     for remark in remarks(campaign):
-        print(f"note: {remark}", file=sys.stderr)
+        note(remark)
     if goes_alone(campaign):
-        print(
-            "note: these runs go one by one, some hundred times slower than side by side; docs/campaigns.md says which "
+        note(
+            "these runs go one by one, some hundred times slower than side by side; docs/campaigns.md says which "
             "scenes go so: as a rule, under a law, those with a solver.step of which all delays are whole multiples "
-            "(step: in the distribution), or with reaction wheels, and without rotors and scheduled wrenches",
-            file=sys.stderr,
+            "(step: in the distribution), or with reaction wheels, and without rotors and scheduled wrenches"
         )
     with counting(args.campaign, "run", store.done, campaign.runs) as progress:
         run_campaign(
@@ -136,6 +134,7 @@ def _write_page(
     """Write the page; unless it was requested, missing libraries are only a note."""
     from pathlib import Path
 
+    from rb_dynamics.cli.output import note
     from rb_dynamics.errors import MissingExtraError
     from rb_dynamics.report.campaign_page import campaign_report
     from rb_dynamics.report.html import write_html
@@ -146,7 +145,7 @@ def _write_page(
     except MissingExtraError as error:
         if args.html:
             raise
-        print(f"note: no page: {error}", file=sys.stderr)
+        note(f"no page: {error}")
         return None
     return page
 
@@ -154,12 +153,12 @@ def _write_page(
 def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from pathlib import Path
 
-    from rb_dynamics.cli.output import show
+    from rb_dynamics.cli.output import note, show
     from rb_dynamics.study.campaign.repeated_run import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
     found = rerun(campaign, args.rerun, log, out)
     show(args, found.as_dict, found.as_text)
     if found.row is None:
-        print(f"note: no row of run {args.rerun} in {out} to compare with", file=sys.stderr)
+        note(f"no row of run {args.rerun} in {out} to compare with")
     return 1 if found.differs or found.error else 0

@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
             time_s=args.time,
             methods=args.methods,
             progress=progress,
-            compiling=_say_once("compiling kernels: some seconds each, once, on top of --time"),
+            compiling=_note_once("compiling kernels: some seconds each, once, on top of --time"),
         )
     output.show(args, found.as_dict, lambda: as_text(found))
     if args.html:
@@ -89,13 +89,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _say_once(text: str) -> Callable[[str], None]:
+def _note_once(text: str) -> Callable[[str], None]:
     """Return a function that announces compiling on stderr when it is first called."""
+    from rb_dynamics.cli.output import note
+
     said: list[str] = []
 
     def say(kernel: str) -> None:
         if not said:
-            print(f"note: {text}", file=sys.stderr, flush=True)
+            note(text)
         said.append(kernel)
 
     return say
