@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.model import Campaign, Metric
 
 if TYPE_CHECKING:
     import numpy as np
@@ -183,7 +183,7 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
         len(errors),
         tuple(errors[:MOST_FAILURES]),
         noise,
-        tuple(_metric(campaign, each.name, unit_of(each), rows, ranks, noise) for each in campaign.metrics),
+        tuple(_metric(campaign, each, unit_of(each), rows, flown, ranks, noise) for each in campaign.metrics),
     )
 
 
@@ -219,23 +219,27 @@ def proportion_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def _metric(
-    campaign: Campaign, name: str, unit: str, rows: Columns, ranks: Mapping[str, Numbers], noise: float
+    campaign: Campaign,
+    metric: Metric,
+    unit: str,
+    rows: Columns,
+    is_flown: npt.NDArray[np.bool_],
+    ranks: Mapping[str, Numbers],
+    noise: float,
 ) -> MetricSummary:
     import numpy as np
 
-    column = rows[name]
+    name, column = metric.name, rows[metric.name]
     is_number = np.isfinite(column)
     values = np.sort(column[is_number])
     count = len(values)
-    is_flown = np.array([not error for error in rows["error"]], dtype=np.bool_)
-    flown = column[is_flown]
-    reduction = next(each.reduction for each in campaign.metrics if each.name == name)
+    flown, worst = column[is_flown], _worst(campaign, metric, rows, is_flown)
     # The time to an event that never happened counts as longer than any.
-    never = int(np.count_nonzero(np.isnan(flown))) if reduction == "time_to" else 0
+    never = int(np.count_nonzero(np.isnan(flown))) if metric.reduction == "time_to" else 0
     ordered = np.sort(np.concatenate([flown[~np.isnan(flown)], np.full(never, math.inf)]))
     quantiles = tuple(quantile_interval(ordered, probability) for probability in PROBABILITIES if len(ordered))
     if count == 0:
-        nan, worst = math.nan, _worst(campaign, name, rows)
+        nan = math.nan
         return MetricSummary(name, unit, 0, len(column), never, nan, nan, nan, nan, quantiles, worst, (), (), ())
     sensitivity = _sensitivity(flown, is_number[is_flown], ranks)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -251,30 +255,29 @@ def _metric(
         float(values[0]),
         float(values[-1]),
         quantiles,
-        _worst(campaign, name, rows),
+        worst,
         tuple(pair for pair in sensitivity if not pair[0].endswith(EITHER_WAY)),
         tuple((pair[0].removesuffix(EITHER_WAY), pair[1]) for pair in sensitivity if pair[0].endswith(EITHER_WAY)),
         _echoes(sensitivity, ranks, noise),
     )
 
 
-def _worst(campaign: Campaign, name: str, rows: Columns) -> Worst | None:
+def _worst(campaign: Campaign, metric: Metric, rows: Columns, is_flown: npt.NDArray[np.bool_]) -> Worst | None:
     """Return the worst of the completed runs."""
     import numpy as np
 
-    column, is_number = rows[name], np.isfinite(rows[name])
-    reduction = next(each.reduction for each in campaign.metrics if each.name == name)
-    required = [each for each in campaign.requirements if each.metric == name]
-    lacks = ~is_number & np.array([not error for error in rows["error"]], dtype=np.bool_)
+    column, is_number = rows[metric.name], np.isfinite(rows[metric.name])
+    required = [each for each in campaign.requirements if each.metric == metric.name]
+    lacks = ~is_number & is_flown
     # The time to an event that never happened counts as longer than any.
-    if (required or reduction == "time_to") and lacks.any():
+    if (required or metric.reduction == "time_to") and lacks.any():
         return Worst(int(rows["run"][lacks][0]), None, "without a value")
     if not is_number.any():
         return None
     if required:
         low, high = required[0].above, required[0].below
     else:
-        low, high = (0.0, math.inf) if reduction == "least" else (-math.inf, 0.0)
+        low, high = (0.0, math.inf) if metric.reduction == "least" else (-math.inf, 0.0)
     with np.errstate(over="ignore"):
         above, below = column - high, low - column
     place = int(np.argmax(np.where(is_number, np.fmax(above, below), -math.inf)))
