@@ -84,19 +84,20 @@ def inspect(
     return Inspection(track, summarize(track, bound))
 
 
+# Of these only some attributes are for JSON: the others are arrays over time.
+_KEPT: dict[type, tuple[str, ...]] = {
+    Balance: ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis"),
+    Residual: (
+        *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "explained"),
+        *("explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns"),
+    ),
+    WheelSpeeds: ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s"),
+    SensorErrors: ("name", "quantity", "unit", "count", "compared", "mean", "deviation"),
+}
+
+
 def _plain(value: Any) -> Any:
-    if isinstance(value, Balance):
-        kept: tuple[str, ...] = ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis")
-        return {name: _plain(getattr(value, name)) for name in kept}
-    if isinstance(value, Residual):
-        kept = ("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "explained")
-        kept += ("explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns")
-        return {name: _plain(getattr(value, name)) for name in kept}
-    if isinstance(value, WheelSpeeds):
-        kept = ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s")
-        return {name: _plain(getattr(value, name)) for name in kept}
-    if isinstance(value, SensorErrors):
-        kept = ("name", "quantity", "unit", "count", "compared", "mean", "deviation")
+    if kept := _KEPT.get(type(value)):
         return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, (np.ndarray, np.generic)):
         return _plain(value.tolist())

@@ -21,7 +21,6 @@ from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.logs.messages import WHEELS
-from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.rotation_arrays import rotations_between
 from rb_dynamics.numerics.vector import Vector
@@ -133,6 +132,11 @@ class SensorErrors:
     errors: Array
 
     @property
+    def words(self) -> str:
+        """The quantity, with the unit of the errors."""
+        return f"{self.quantity.removesuffix('_xyzw').replace('_', ' ')} [{self.unit}]"
+
+    @property
     def compared(self) -> int:
         """How many samples are compared."""
         return len(self.time_ns)
@@ -180,7 +184,7 @@ class Onboard:
 
 def onboard(track: Track) -> Onboard:
     """Return what the log of a scene with actuators or sensors says about them."""
-    scene = logged_scene(track.bag.attachments) if track.own else None
+    scene = track.scene
     if scene is None or not (scene.actuators or scene.sensors):
         return Onboard()
     names = track.bag.metadata.get(TOPICS, {})

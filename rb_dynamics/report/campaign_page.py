@@ -59,15 +59,18 @@ def campaign_report(
         f"{summary.runs} runs of {len(campaign.inputs)} dispersed numbers, {campaign.sampling.replace('_', ' ')}, seed "
         f"{campaign.seed}: {summary.passed} passed, {summary.runs - summary.passed} failed."
     )
-    header, *cells = quantile_table(summary)
-    table = Table(header, cells)
     spread = campaign_figures.histograms(
         [(_title(each), rows[each.name], passed, _limit(campaign, each)) for each in campaign.metrics]
     )
     sections = [
         Section("At a glance", _glance(campaign, summary), tiles=_tiles(summary)),
         *_over_time(campaign, summary, rows),
-        Section("Distributions of the metrics", far_text(summary), figures=[Figure(spread, _SPREAD)], table=table),
+        Section(
+            "Distributions of the metrics",
+            far_text(summary),
+            figures=[Figure(spread, _SPREAD)],
+            table=Table.of(quantile_table(summary)),
+        ),
     ]
     if campaign.inputs:
         drivers = campaign_figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)

@@ -40,6 +40,11 @@ class Table:
     rows: Sequence[Sequence[str]]
     numeric: bool = True
 
+    @classmethod
+    def of(cls, rows: Sequence[Sequence[str]]) -> Table:
+        """Return the table whose header is the first of `rows`."""
+        return cls(rows[0], rows[1:])
+
 
 @dataclass(frozen=True)
 class Tile:

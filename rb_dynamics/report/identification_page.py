@@ -213,10 +213,13 @@ def _offset(each: Parameter) -> str:
 
 def _ellipse(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * np.pi, 121)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    found: Array = _ELLIPSE * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    found: Array = _ELLIPSE * _circle() * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     return found
+
+
+def _circle() -> Array:
+    angle = np.linspace(0.0, 2.0 * np.pi, 121)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _ellipsoid(found: Identification) -> list[Section]:
@@ -275,7 +278,5 @@ def _of(found: Identification, group: str) -> list[int]:
 def _outline(inertia: Array, plane: list[int]) -> Array:
     """Return the outline of x . I x = 1 seen along the axis that is not in `plane`."""
     values, vectors = np.linalg.eigh(np.linalg.inv(inertia)[np.ix_(plane, plane)])
-    angle = np.linspace(0.0, 2.0 * np.pi, 121)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    found: Array = circle * np.sqrt(values) @ vectors.T
+    found: Array = _circle() * np.sqrt(values) @ vectors.T
     return found

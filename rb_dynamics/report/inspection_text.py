@@ -93,19 +93,9 @@ def topic_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: topics."""
     rows = [["", "type", "messages", "rate [Hz]", "longest gap [s]", "at t [s]", "used for"]]
     for t in summary.topics:
-        kind = t.type_name.rpartition("/")[2]
-        spaced = t.count > 1
-        rows.append(
-            [
-                t.name,
-                kind,
-                str(t.count),
-                _short(t.rate) if t.rate else "",
-                _short(t.longest_s) if spaced else "",
-                _short(round(t.longest_at_s, 3)) if spaced else "",
-                t.use,
-            ]
-        )
+        rate = _short(t.rate) if t.rate else ""
+        longest = [_short(t.longest_s), _short(round(t.longest_at_s, 3))] if t.count > 1 else ["", ""]
+        rows.append([t.name, t.type_name.rpartition("/")[2], str(t.count), rate, *longest, t.use])
     return rows
 
 
@@ -161,15 +151,8 @@ def channel_rows(summary: RunSummary) -> list[list[str]]:
     rows = [["", "frame", "received", "applied", "timeouts", "rejected", "max |F| [N]", "max |τ| [N m]"]]
     for c in summary.channels:
         counts = ["-" if n is None else str(n) for n in (c.received, c.applied, c.timeouts, c.rejected)]
-        frames = frame_names(c.frames)
-        rows.append(
-            [
-                c.topic,
-                frames,
-                *counts,
-                *("-" if each is None else f"{each:.5g}" for each in (c.largest_force, c.largest_torque)),
-            ]
-        )
+        sizes = ["-" if size is None else f"{size:.5g}" for size in (c.largest_force, c.largest_torque)]
+        rows.append([c.topic, frame_names(c.frames), *counts, *sizes])
     return rows if summary.channels else []
 
 
@@ -205,16 +188,8 @@ def actuator_rows(summary: RunSummary) -> list[list[str]]:
     """Return header and rows: the commands to actuators; empty if there were none."""
     rows = [["", "type", "commands", "largest", "limited", "rejected"]]
     for each in summary.onboard.actuators:
-        counts = str(each.limited), str(each.rejected)
-        rows.append(
-            [
-                each.name,
-                each.kind,
-                str(each.commands),
-                f"{_short(each.largest)} {each.unit}".strip().replace("^2", "²"),
-                *counts,
-            ]
-        )
+        largest = f"{_short(each.largest)} {each.unit}".strip().replace("^2", "²")
+        rows.append([each.name, each.kind, str(each.commands), largest, str(each.limited), str(each.rejected)])
     return rows if len(rows) > 1 else []
 
 
@@ -223,7 +198,7 @@ def sensor_rows(summary: RunSummary) -> list[list[str]]:
     rows = [["", "", "x", "y", "z"]]
     for each in summary.onboard.sensors:
         for what, values in (("mean", each.mean), ("standard deviation", each.deviation)):
-            name = f"{each.name}, {each.quantity.removesuffix('_xyzw').replace('_', ' ')} [{each.unit}]"
+            name = f"{each.name}, {each.words}"
             rows.append([name if what == "mean" else "", what, *(f"{value:.4g}" for value in values)])
     return rows if len(rows) > 1 else []
 

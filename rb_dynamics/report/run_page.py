@@ -242,13 +242,12 @@ def _residual(track: Track, summary: RunSummary) -> list[Section]:
         "thruster is constant in body axes."
     )
     figure = Figure(plots.residual_wrench(time_s, left.force_world, left.torque_world, left.torque_body), caption)
-    header, *rows = text.inertia_rows(summary, track.body)
     return [
         Section(
             "Does the given body explain the motion?",
             text.residual_sentence(left, summary.zero_ns),
             figures=[figure],
-            table=Table(header, rows),
+            table=Table.of(text.inertia_rows(summary, track.body)),
         )
     ]
 
@@ -285,7 +284,7 @@ def _conservation(track: Track, summary: RunSummary) -> list[Section]:
     parts = [f"{_capital(balance.name)}: {balance.basis}." for balance in summary.balances]
     basis = "\n\n".join([*parts, text.DEFECT] if parts else [])
     rows = text.balance_rows(summary)
-    table = Table(rows[0], rows[1:]) if rows else None
+    table = Table.of(rows) if rows else None
     return [Section("Momentum and energy", basis, figures=figures, table=table)] if figures or table else []
 
 
@@ -358,7 +357,7 @@ def _wrenches(track: Track, summary: RunSummary) -> list[Section]:
     paragraph = "" if panels else "No command came with a force or a torque, and no effect held one."
     if unlogged := track.bag.metadata.get(RUN, {}).get("effects_not_logged_as_wrench", ""):
         paragraph = f"{paragraph} What these effects did is in no wrench: {unlogged}.".strip()
-    return [Section("Wrenches", paragraph, figures=figures, table=Table(rows[0], rows[1:]))]
+    return [Section("Wrenches", paragraph, figures=figures, table=Table.of(rows))]
 
 
 def _onboard(track: Track, summary: RunSummary) -> list[Section]:
@@ -369,18 +368,16 @@ def _onboard(track: Track, summary: RunSummary) -> list[Section]:
         figure = Figure(
             plots.wheel_speeds(speeds), "Relative to the body; dashed: max_speed, of wheels that come near."
         )
-        sections.append(Section("Reaction wheels", figures=[figure], table=Table(rows[0], rows[1:])))
+        sections.append(Section("Reaction wheels", figures=[figure], table=Table.of(rows)))
     if rows := text.actuator_rows(summary):
-        sections.append(Section("Commands to actuators", table=Table(rows[0], rows[1:])))
+        sections.append(Section("Commands to actuators", table=Table.of(rows)))
     if rows := text.sensor_rows(summary):
-        errors = [
-            (f"{each.name}: error of {each.quantity.removesuffix('_xyzw').replace('_', ' ')} [{each.unit}]", each)
-            for each in used.sensors
+        panels = [
+            (f"{each.name}: error of {each.words}", track.seconds(each.time_ns), each.errors) for each in used.sensors
         ]
-        panels = [(title, track.seconds(each.time_ns), each.errors) for title, each in errors]
         caption = "In a good run this is the noise and the bias that the scene gives the sensor, and no more."
         figures = [Figure(plots.sensor_errors(panels), caption)]
-        sections.append(Section("Sensors", text.sensor_note(summary), figures=figures, table=Table(rows[0], rows[1:])))
+        sections.append(Section("Sensors", text.sensor_note(summary), figures=figures, table=Table.of(rows)))
     return sections
 
 
@@ -389,9 +386,9 @@ def _tables(summary: RunSummary) -> list[Section]:
     checks = Table(["check", "result", "detail"], judged, numeric=False)
     named = [("First and last state", text.state_rows(summary)), ("Extremes", text.range_rows(summary))]
     sections = [Section("Checks", table=checks)]
-    sections += [Section(title, table=Table(rows[0], rows[1:])) for title, rows in named if rows]
+    sections += [Section(title, table=Table.of(rows)) for title, rows in named if rows]
     rows = text.topic_rows(summary)
-    sections.append(Section("Topics", text.topics_sentence(summary), table=Table(rows[0], rows[1:])))
+    sections.append(Section("Topics", text.topics_sentence(summary), table=Table.of(rows)))
     if summary.health is not None:
         values = Table(["", ""], [list(pair) for pair in summary.health.values], numeric=False)
         sections.append(Section("Diagnostics", text.health_sentence(summary), table=values if values.rows else None))
