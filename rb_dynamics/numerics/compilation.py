@@ -204,15 +204,18 @@ def _compiled(
     numba = loaded_numba()
     if numba.config.DISABLE_JIT:
         raise RuntimeError("NUMBA_DISABLE_JIT is set; unset it")
-    for callee in _reach(function):
+    called = _reach(function)
+    for callee in called:
         _register(callee)
+    # A second round vectorises loops over lanes in which the first has replaced branches; it slows others, as of rk4.
+    rounds = 2 if block in called else 1
     options = {**_OPTIONS, "pipeline_class": _compiler(inlined=False)}
     try:
         compiled = function if prepare is None else prepare(function)
         (result,) = numba.njit(signature, **options)(compiled).overloads.values()
     except numba.core.errors.NumbaError as error:
         raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
-    externals, code = result.library.object_code()
+    externals, code = result.library.object_code(rounds)
     return ObjectCode(result.fndesc.llvm_func_name, externals, code)
 
 
@@ -232,17 +235,18 @@ def _compiler(*, inlined: bool) -> Any:
             """Close it, without optimising it for itself."""
             self._finalized = True
 
-        def object_code(self) -> tuple[tuple[str, ...], bytes]:
-            """Return the names of the external functions that are called, and the object code."""
+        def object_code(self, rounds: int) -> tuple[tuple[str, ...], bytes]:
+            """Optimise it; return the names of the external functions that are called, and the object code."""
             module = self._final_module
             # Callers first: the linker drops what nothing calls yet.
             for each in reversed(_with_called(self, {})[:-1]):
                 module.link_in(each._get_module_for_linking(), preserve=True)  # noqa: SLF001
             with compiler_lock.global_compiler_lock:
-                # Once: numba's first, cheaper round is for counts of references, and costs code its speed.
-                found = self._codegen._module_pass_manager()  # noqa: SLF001
-                passes, *of_it = found if isinstance(found, tuple) else (found,)
-                passes.run(module, *of_it)
+                # Without numba's first, cheaper round, which is for counts of references.
+                for _ in range(rounds):
+                    found = self._codegen._module_pass_manager()  # noqa: SLF001
+                    passes, *of_it = found if isinstance(found, tuple) else (found,)
+                    passes.run(module, *of_it)
                 code = self._codegen._tm.emit_object(module)  # noqa: SLF001
             declared = [each.name for each in module.functions if each.is_declaration]
             return tuple(name for name in declared if not name.startswith("llvm.")), code
