@@ -53,8 +53,16 @@ class _Run(NamedTuple):
     scene: Scene
 
 
-def simulate_block(campaign: Campaign, first: int, last: int, threads: int | None = None) -> Columns:
+def simulate_block(
+    campaign: Campaign,
+    first: int,
+    last: int,
+    threads: int | None = None,
+    tell: Callable[[float], None] | None = None,
+) -> Columns:
     """Return the rows of the runs from `first` up to, not including, `last`.
+
+    `tell` is called at observations with the number of runs done, of those under way the part.
 
     Raises:
         SceneError: a user function cannot be loaded, or lacks what it needs on this machine.
@@ -73,13 +81,20 @@ def simulate_block(campaign: Campaign, first: int, last: int, threads: int | Non
         except SceneError as error:
             errors[number] = str(error)
     metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}
+    done = 0
     for group in _groups(campaign, runs):
-        for part, found, failed in _fly(campaign, group, threads):
+
+        def watch(samples: Samples, group: list[_Run] = group, done: int = done) -> None:
+            if tell is not None:
+                tell(done + len(group) * float(samples.time_ns) / (group[0].scene.end_ns or 1))
+
+        for part, found, failed in _fly(campaign, group, threads, watch):
             errors |= {part[place].number: why for place, why in failed.items()}
             flown = [place for place in range(len(part)) if place not in failed]
             places = [part[place].number - first for place in flown]
             for name, column in found.items():
                 metrics[name][places] = column[flown]
+        done += len(group)
     return {
         "run": np.arange(first, last, dtype=np.int64),
         "seed": np.full(last - first, campaign.seed, dtype=np.int64),
@@ -191,13 +206,15 @@ _Part = tuple[list[_Run], Mapping[str, "Numbers"], Mapping[int, str]]
 """Runs, their metrics, and why some of them failed, by index."""
 
 
-def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
-    """Execute `runs`; if one of them stops all, split them."""
+def _fly(
+    campaign: Campaign, runs: list[_Run], threads: int | None, watch: Callable[[Samples], None] | None = None
+) -> list[_Part]:
+    """Execute `runs`; if one of them stops all, split them, and go on without `watch`."""
     if alike(runs[0].scene, campaign.control):
-        return _fly_with_wheels(campaign, runs, threads)
+        return _fly_with_wheels(campaign, runs, threads, watch)
     metrics = MetricAccumulator(campaign, len(runs))
     try:
-        failed = _advance(campaign, _bodies(campaign, runs, threads), runs, metrics)
+        failed = _advance(campaign, _bodies(campaign, runs, threads), runs, metrics, watch)
     except (ConvergenceError, FunctionError) as error:
         if len(runs) == 1:
             return [(runs, {}, {0: str(error).removeprefix("body 0: ")})]
@@ -206,12 +223,14 @@ def _fly(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Par
     return [(runs, metrics.results(), failed)]
 
 
-def _fly_with_wheels(campaign: Campaign, runs: list[_Run], threads: int | None) -> list[_Part]:
+def _fly_with_wheels(
+    campaign: Campaign, runs: list[_Run], threads: int | None, watch: Callable[[Samples], None] | None = None
+) -> list[_Part]:
     """Execute runs with wheels side by side, and those alone that cannot be executed so."""
     metrics, bodies = MetricAccumulator(campaign, len(runs)), None
     try:
         bodies = WithWheels([run.scene for run in runs], campaign.control is not None, threads)
-        failed = _advance(campaign, bodies, runs, metrics)
+        failed = _advance(campaign, bodies, runs, metrics, watch)
         bodies.require_all()
     except (NotTogetherError, FunctionError, ConvergenceError) as error:
         if len(runs) > 1 and isinstance(error, FunctionError) and bodies is not None and not bodies.lacking:

@@ -42,6 +42,9 @@ _FEW = 250
 _START_S = 5.0
 """Approximate time to start workers, with their imports and kernels."""
 
+_TELL_S = 1.0
+"""Least time between two calls of `progress` within a block."""
+
 _BLOCKS_EACH = 4
 """Minimum number of blocks per worker, as they do not all end at the same time."""
 
@@ -67,7 +70,7 @@ def run_campaign(
             block shows that this process would finish before they had started.
         scheduler: address of a running scheduler of `dask.distributed`, such as tcp://host:8786.
         block: runs in a block, chosen by default; results do not depend on it.
-        progress: called after each block.
+        progress: called after each block, and about every second within one of this process.
 
     Raises:
         LogError: the rows cannot be written, or the scheduler cannot be reached.
@@ -82,11 +85,19 @@ def run_campaign(
     processes = cores() if workers is None else workers
     size = block or _block(campaign, max(1, processes))
     blocks, done = store.missing(size), store.done
+    told = time.monotonic()
+
+    def tell(runs: float) -> None:
+        nonlocal told
+        if progress is not None and time.monotonic() - told >= _TELL_S:
+            told = time.monotonic()
+            progress(done + int(runs), campaign.runs)
+
     local = scheduler is None and (processes == 0 or not with_dask or campaign.runs - done <= size)
     if local:
-        flown = _here(campaign, blocks)
+        flown = _here(campaign, blocks, tell)
     elif scheduler is None and workers is None:
-        flown = _here_or_on_workers(campaign, blocks, campaign.runs - done, processes)
+        flown = _here_or_on_workers(campaign, blocks, campaign.runs - done, processes, tell)
     else:
         flown = _on_workers(campaign, blocks, scheduler, processes)
     with contextlib.closing(flown):
@@ -142,18 +153,24 @@ def _block(campaign: Campaign, workers: int) -> int:
     return max(least, min(most, math.ceil(campaign.runs / (workers * _BLOCKS_EACH))))
 
 
-def _here(campaign: Campaign, blocks: Iterator[tuple[int, int]]) -> Generator[Columns, None, None]:
+def _here(
+    campaign: Campaign, blocks: Iterator[tuple[int, int]], tell: Callable[[float], None]
+) -> Generator[Columns, None, None]:
     for first, last in blocks:
-        yield simulate_block(campaign, first, last)
+        yield simulate_block(campaign, first, last, tell=tell)
 
 
 def _here_or_on_workers(
-    campaign: Campaign, blocks: Iterator[tuple[int, int]], left: int, processes: int
+    campaign: Campaign,
+    blocks: Iterator[tuple[int, int]],
+    left: int,
+    processes: int,
+    tell: Callable[[float], None],
 ) -> Generator[Columns, None, None]:
     """Yield rows of the `left` runs computed here, until starting workers is worth it."""
     for first, last in blocks:
         begin = time.perf_counter()
-        columns = simulate_block(campaign, first, last)
+        columns = simulate_block(campaign, first, last, tell=tell)
         took, left = time.perf_counter() - begin, left - (last - first)
         yield columns
         saved = took / (last - first) * left * (1.0 - 1.0 / processes)

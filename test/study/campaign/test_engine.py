@@ -27,6 +27,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RESULT, RUN
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.study.campaign import engine
 from rb_dynamics.study.campaign.block_of_runs import simulate_block
 from rb_dynamics.study.campaign.engine import goes_alone, goes_side_by_side, run_campaign, simulate_on_worker
 from rb_dynamics.study.campaign.model import Campaign
@@ -86,6 +87,17 @@ def test_one_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert again == fly(campaign, tmp_path / "whole.parquet")
     fly(campaign, out, progress=lambda done, _: seen.append(done))
     assert seen == [19, 23, 24]
+
+
+def test_a_campaign_of_one_block_tells_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "_TELL_S", 0.0)
+    seen: list[int] = []
+
+    fly(write(tmp_path), tmp_path / "rows.parquet", block=24, progress=lambda done, _: seen.append(done))
+
+    assert len(set(seen)) > 5
+    assert seen == sorted(seen)
+    assert seen[-1] == 24
 
 
 @pytest.mark.parametrize(("full_at", "place"), [(12, r"broken\.parquet\.parts"), (24, r"broken\.parquet")])
