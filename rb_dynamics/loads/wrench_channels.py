@@ -404,15 +404,19 @@ class WrenchChannels:
 
         held, good = self._held(batch)
         for k, channel in enumerate(self._channels[: self._commanded]):
-            mine = batch.channel == k
-            good[mine] &= self._delay_ns[k] == 0 and channel.lag == 0.0
+            if self._delay_ns[k] or channel.lag:
+                good[batch.channel == k] = False
             # Commands close to a limit are left to `check`.
             for limit, part in ((channel.max_force, batch.wrench[:, :3]), (channel.max_torque, batch.wrench[:, 3:])):
                 if limit != math.inf:
+                    mine = batch.channel == k
                     with np.errstate(over="ignore"):  # an overflow is beyond every limit
                         good[mine] &= np.linalg.norm(part[mine], axis=1) < 0.999 * limit
-            if len(bad := batch.time_ns[mine & ~good]):
-                good[mine] &= ~np.isin(batch.time_ns[mine], bad)
+        if good.all():
+            return CommandTable(batch, held), np.empty(0, dtype=np.int64)
+        for k in range(self._commanded):
+            mine = batch.channel == k
+            good[mine] &= ~np.isin(batch.time_ns[mine], batch.time_ns[mine & ~good])
         return CommandTable(batch.some(good.nonzero()[0]), held[good]), np.flatnonzero(~good)
 
     def _held(self, batch: CommandBatch) -> tuple[Numbers, npt.NDArray[np.bool_]]:
@@ -420,18 +424,17 @@ class WrenchChannels:
         import numpy as np
 
         count = len(batch.time_ns)
-        held, good = np.zeros((count, HELD)), np.isfinite(batch.wrench).all(axis=1)
-        good &= np.isin(batch.frame, [k for k, name in enumerate(batch.frame_ids) if name in self._frames.names])
+        held, good = np.zeros((count, HELD)), np.zeros(count, dtype=bool)
         for k, name in enumerate(batch.frame_ids):
             if name not in self._frames.names:
                 continue
-            mine = good & (batch.frame == k)
-            columns = tuple(batch.wrench[mine].T)
+            mine = (batch.frame == k).nonzero()[0]
+            good[mine], columns = True, tuple(batch.wrench[mine].T)
             with np.errstate(over="ignore", invalid="ignore"):
                 parts = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
-            held[mine] = np.column_stack([np.broadcast_to(n, columns[0].shape) for part in parts for n in part])
-        # By rows, which is five times as fast as by columns.
-        force, torque = np.abs(np.ascontiguousarray(held.T)).reshape(2, 2, 3, count).max(axis=(0, 2))
+            for i, numbers in enumerate(n for part in parts for n in part):
+                if isinstance(numbers, np.ndarray):
+                    held[mine, i] = numbers
         largest_force, largest_torque = self._largest
         if self._body is not None:
             largest_force = min(largest_force, 0.999 * HUGE * self._body.mass)
@@ -440,7 +443,9 @@ class WrenchChannels:
             )
         elif self._frames.turns is False:
             largest_torque = 0.0
-        return held, good & (force <= largest_force) & (torque <= largest_torque)
+        possible = np.abs(held) <= np.repeat([largest_force, largest_torque] * 2, 3)
+        # Usually all are; row by row takes longer.
+        return held, good if possible.all() else good & possible.all(axis=1)
 
     def extend(self, table: CommandTable) -> None:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""

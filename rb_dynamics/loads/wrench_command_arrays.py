@@ -305,7 +305,7 @@ class Timeline(NamedTuple):
 
     def until(self, time_ns: int) -> Timeline:
         """Return the changes up to `time_ns`."""
-        kept = self.time_ns <= time_ns
+        kept = slice(self.time_ns.searchsorted(time_ns, side="right"))
         return Timeline(self.time_ns[kept], self.held[kept])
 
 
@@ -351,15 +351,20 @@ def timeline(
     import numpy as np
 
     times, channels, held = table.time_ns[rows], table.channel[rows], table.held[rows]
-    each = [
-        _changes(times[channels == number], held[channels == number], now, timeout, until_ns)
-        for number, (now, timeout) in enumerate(zip(holding, timeout_ns, strict=True))
-    ]
-    at = distinct(np.concatenate([table.time_ns[:0], *(changes.time_ns for changes in each)]))
+    each = [(channels == number).nonzero()[0] for number in range(len(holding))]
+    drops = [_drops(times[mine], *which, until_ns) for mine, *which in zip(each, holding, timeout_ns, strict=True)]
+    at = distinct(np.concatenate([times, *drops]))
     total = np.zeros((len(at), HELD))
-    for (now, _), changes in zip(holding, each, strict=True):
-        rows_held = np.concatenate([np.array([now]), changes.held])
-        total += rows_held[np.searchsorted(changes.time_ns, at, side="right")]
+    for mine, (now, _), dropped in zip(each, holding, drops, strict=True):
+        came = times[mine].searchsorted(at, side="right")
+        first = came.searchsorted(1)
+        acting = np.empty_like(total)
+        acting[:first], acting[first:] = now, held[mine[came[first:] - 1]]
+        if len(dropped):
+            last = np.append(at[:1] - 1, times[mine])[came]
+            gone = dropped.searchsorted(at, side="right")
+            acting[(gone > 0) & (dropped[gone - 1] > last)] = 0.0
+        total += acting
     return Timeline(at, total)
 
 
@@ -402,17 +407,3 @@ def _drops(times: Whole, now: Holding, timeout_ns: int, until_ns: int) -> Whole:
     if now.expires_ns is not None and not (len(times) and times[0] <= now.expires_ns):
         drops = np.append(now.expires_ns, drops)
     return drops[drops <= until_ns]
-
-
-def _changes(times: Whole, held: Numbers, now: Holding, timeout_ns: int, until_ns: int) -> Timeline:
-    """Return the changes of one channel."""
-    import numpy as np
-
-    drops = _drops(times, now, timeout_ns, until_ns)
-    last = np.append(times[1:] != times[:-1], True)[: len(times)]
-    starts, held = times[last], held[last]
-    at = np.concatenate([starts, drops])
-    order = np.argsort(at, kind="stable")
-    rows = np.concatenate([held, np.zeros((len(drops), HELD))])
-    kept = at[order] <= until_ns
-    return Timeline(at[order][kept], rows[order][kept])

@@ -73,10 +73,11 @@ class EdgeSchedule:
         kinds = np.zeros(len(at), dtype=np.int64)
         kinds[at.searchsorted(output_times)] = OUTPUT
         kinds[at.searchsorted(changes.time_ns)] |= CHANGE
-        columns = tuple(changes.held.T)
+        # By columns that lie together, which is faster.
+        columns = tuple(np.ascontiguousarray(changes.held.T))
         held = HeldWrench(columns[:3], columns[3:6], columns[6:9], columns[9:])
         parts = in_principal_axes(self._body, held)
-        rows = np.column_stack([column for part in parts for column in part])
+        rows = np.ascontiguousarray(np.concatenate(parts).T)
         return Edges(at, kinds, rows), known_ns
 
     def _outputs(self, first: int, until_ns: int) -> Whole:
