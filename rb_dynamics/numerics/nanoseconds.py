@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 
 from rb_dynamics.errors import LogError
 
@@ -19,6 +20,8 @@ LAST_STAMP_NS = 2**31 * NANOSECONDS
 """Largest ROS stamp: seconds are signed 32-bit integers, which is 68 years."""
 
 
+# Cached, because each run of a scene asks for the same times.
+@lru_cache(maxsize=256)
 def nanoseconds(seconds: float) -> int:
     """Return a time (s), taken as the decimal number that was written, in whole nanoseconds."""
     return round(Fraction(repr(float(seconds))) * NANOSECONDS)

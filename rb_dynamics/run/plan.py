@@ -52,7 +52,7 @@ class Plan:
 
     Attributes:
         name: name of the method; "auto" if it varies during the run.
-        description: method and steps as text.
+        start: the first phase.
     """
 
     def __init__(self, scene: Scene, begin_ns: int = 0, elapsed: float = 0.0) -> None:
@@ -67,8 +67,7 @@ class Plan:
         self._inertia = inertia_of(scene.body)
         self._accuracy = scene.solver.accuracy or DEFAULT_ACCURACY
         self._from_ns, self._course = begin_ns, RoundingHistory()
-        self._from = PhaseState.of(scene.body, scene.initial, elapsed)
-        self._start = self._from.center_of_mass_world
+        self.start = self._from = PhaseState.of(scene.body, scene.initial, elapsed)
         self._ends = bool(scene.duration)
         self._length = scene.duration or OPEN_END_HORIZON
         self._horizon = self._length + elapsed if self._ends else self._length
@@ -96,14 +95,18 @@ class Plan:
         self._began: tuple[StepControl | None, Learnt] = None, Learnt()
         if self._method is not None:
             self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
+
+    @property
+    def description(self) -> str:
+        """Method and steps as text."""
+        if self._method is not None:
             which = self.name if self.name == self._method.name else f"{self.name}: {self._method.name}"
-            self.description = f"{which}, {self._steps(self._method)}"
-        elif not scene.channels and _turns_nothing(scene):
-            self.description = "auto: exact, as nothing turns the body"
-        else:
-            names = ", ".join(candidates)
-            closed = "exact where the motion has a closed form; elsewhere " if self.takes == LoadDependence.HELD else ""
-            self.description = f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
+            return f"{which}, {self._steps(self._method)}"
+        if not self._scene.channels and _turns_nothing(self._scene):
+            return "auto: exact, as nothing turns the body"
+        names = ", ".join(CANDIDATES[self.takes])
+        closed = "exact where the motion has a closed form; elsewhere " if self.takes == LoadDependence.HELD else ""
+        return f"auto: {closed}the cheapest of {names}, {self._steps(None)}"
 
     def arc(
         self,
@@ -261,7 +264,7 @@ class Plan:
 
     def control_of(self, method: Method) -> StepControl:
         """Return a control of the steps of a run by `method`, that of the scene or a candidate of `auto`."""
-        return control_of(self._scene, method, self._start, self._horizon)
+        return control_of(self._scene, method, self.start.center_of_mass_world, self._horizon)
 
     def _steps(self, method: Method | None) -> str:
         solver = self._scene.solver

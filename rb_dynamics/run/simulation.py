@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -154,8 +155,7 @@ class Simulation:
         # Times at which wheels came near their limits, by wheel and limit.
         self._remarks: dict[tuple[str, str], str] = {}
         self.continues = False
-        rate = Fraction(repr(float(scene.output_rate)))
-        self._period_ns = (NANOSECONDS / rate).as_integer_ratio() if rate else None
+        self._period_ns = _period_ns(scene.output_rate) if scene.output_rate else None
         self._outputs = 0
         # Time up to which edges are taken one by one.
         self._one_by_one_ns = 0
@@ -184,7 +184,7 @@ class Simulation:
         self._knots = list(self._named_knots)
         self._steps = self._steps_before = 0
         self._used: dict[str, None] = {}
-        phase = PhaseState.of(scene.body, scene.initial, elapsed)
+        phase = self.plan.start
         self._wheels = None if self._bank is None else self._bank.wheels
         if self._wheels is not None:
             phase = phase.with_inner(self._wheels.begin(phase.angular_velocity))
@@ -402,7 +402,8 @@ class Simulation:
                     opened.callback(sink.close, {})
                 opened.pop_all()
         self._outputs = 1
-        self.write(self.sample)
+        if self._sinks:
+            self.write(self.sample)
         if self.scene.past is not None:
             self._write_changes(self._channels.standing(0, self._phase.orientation))
         self._measure()
@@ -635,9 +636,12 @@ class Simulation:
     @property
     def remarks(self) -> list[str]:
         """Warnings about limits that were nearly reached so far and steps that are too long, in full sentences."""
-        now, scene = self.sample, self.scene
-        long = too_long(scene.solver.step, scene.body, now.kinetic_energy, now.work, now.energy_defect)
-        return [*self._remarks.values(), *([long] if long else [])]
+        remarks, step = [*self._remarks.values()], self.scene.solver.step
+        if step is not None:
+            now = self.sample
+            if long := too_long(step, self.scene.body, now.kinetic_energy, now.work, now.energy_defect):
+                remarks.append(long)
+        return remarks
 
     def _look_at_wheels(self, wheels: WheelSet) -> None:
         """Record the first time at which each wheel is near a limit."""
@@ -869,6 +873,8 @@ class Simulation:
         if self._finished:
             return
         self._finished = True
+        if not self._sinks:
+            return
         result = {
             "method": self.methods,
             "steps": str(self.steps),
@@ -1060,9 +1066,15 @@ def without_outputs(scene: Scene) -> Scene:
     if scene.output_rate == 0.0:
         return scene
     # Everything else has been checked, and cached properties of the scene stay valid.
-    found = copy(scene)
-    object.__setattr__(found, "output_rate", _NEVER)
+    found = object.__new__(Scene)
+    vars(found).update(vars(scene), output_rate=_NEVER)
     return found
+
+
+@lru_cache(maxsize=16)
+def _period_ns(rate: float) -> tuple[int, int]:
+    """Return the exact time (ns) between outputs at `rate` (Hz), taken as the decimal number that was written."""
+    return (NANOSECONDS / Fraction(repr(rate))).as_integer_ratio()
 
 
 def _sink(sink: Sink) -> Sink:
@@ -1180,7 +1192,8 @@ def simulate(
             "or give --duration"
         )
     rejected: list[str] = []
-    with interrupts_wait():
+    # Without a sink there is nothing that Ctrl-C could damage.
+    with interrupts_wait() if sinks else contextlib.nullcontext():
         run.start()
         try:
             part = 0
