@@ -31,6 +31,7 @@ from rb_dynamics.loads.compiled_load import EffectLoad, GradualLoad
 from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.varying_load import Load, LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion import closed_form, planar_motion
 from rb_dynamics.motion.kernel_layout import (
     CONSTANTS,
     PHASE,
@@ -43,10 +44,11 @@ from rb_dynamics.motion.kernel_layout import (
 )
 from rb_dynamics.motion.method import Increment, Inertia, Method
 from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, Sums, grown, total
+from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT
 from rb_dynamics.numerics.background_compilation import ask_for
 from rb_dynamics.numerics.compilation import available, compile_kernel, failure_of, is_cached, specialise
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
-from rb_dynamics.numerics.vector import ZERO, Vector, scale
+from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 
 if TYPE_CHECKING:
     from rb_dynamics.numerics.array_types import Numbers
@@ -151,6 +153,24 @@ def _dense_on_numbers(numbers: Numbers, h: float, _: int) -> None:
     memory = numbers[CONSTANTS + PHASE :]
     step = _step(inertia, held, h, velocity, start.orientation, start.angular_velocity, memory)
     high, low = grown(start.high, start.low, step, h)
+    write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
+
+
+def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
+    """Advance by h s in closed form; give NaN if the closed form does not apply."""
+    (inertia, held), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
+    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+    q, omega = phase.orientation, phase.angular_velocity
+    axis = planar_motion.fixed_axis(held, q, omega)
+    if closed_form.is_free(held):
+        step = closed_form.free_step(inertia, held, h, velocity, q, omega)
+    elif axis >= 0:
+        step = planar_motion.advance(inertia, held, h, velocity, q, omega, axis)
+    else:
+        step = NO_INCREMENT
+    if not max(norm(omega), norm(step.angular_velocity)) * h < LARGEST_FREE_TURN:
+        step = NO_INCREMENT
+    high, low = grown(phase.high, phase.low, step, h)
     write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
 
 
@@ -354,10 +374,13 @@ class OnDemand:
 
 
 class Kernel(OnDemand):
-    """Kernel for fixed steps of one method."""
+    """Kernel for fixed steps of one method, or for a step of a closed form."""
 
     def __init__(self, method: Method, *, effects: bool = False, gradual: bool = False) -> None:
         """Prepare, without compiling. `effects`: for scenes with effects; `gradual`: while there are transients."""
+        if method is closed_form.EXACT:
+            super().__init__(method.name, _in_closed_form, _SIGNATURE)
+            return
         name, run = f"{_run_on_numbers.__name__}_{method.name}", plain(method)
         suffix, load = load_of(effects=effects, gradual=gradual)
         if suffix:
@@ -411,7 +434,8 @@ def takes_compiled(method: Method, takes: LoadDependence) -> bool:
 @cache
 def kernel(method: Method, *, effects: bool = False) -> Kernel | None:
     """Return the kernel of `method`, for scenes with or without effects; None if it cannot be compiled."""
-    return Kernel(method, effects=effects) if compiles(method, effects=effects) else None
+    able = compiles(method, effects=effects) or (method is closed_form.EXACT and not effects)
+    return Kernel(method, effects=effects) if able else None
 
 
 @cache

@@ -198,7 +198,8 @@ def _kernels(
     driven_by: tuple[Method, StepControl] | None, closed: bool, edges: int, effects: tuple[float, ...]
 ) -> list[Callable[..., Any]] | None:
     """Return the kernel for propagation and the kernels that it calls; None if one is missing."""
-    steps: OnDemand | None = layout.CLOSED_FORM
+    exact = kernel(EXACT)
+    steps: OnDemand | None = exact
     within: OnDemand | None = None
     strides: OnDemand | None = layout.NO_STRIDES
     if driven_by is not None:
@@ -207,7 +208,7 @@ def _kernels(
         within = dense_kernel(method)
         fixed = isinstance(control, FixedStep)
         strides = layout.NO_STRIDES if fixed else strides_by(method, control, effects=bool(effects))
-    wanted = (layout.PROPAGATE, steps, strides, within or steps, layout.CLOSED_FORM if closed else steps)
+    wanted = (layout.PROPAGATE, steps, strides, within or steps, exact if closed else steps)
     if not are_ready(plugin_kernels(effects), [each for each in wanted if each], edges * _STEPS_PER_EDGE, 0):
         return None
     # Request all of them, so that the next call finds all compiled.

@@ -14,16 +14,15 @@ from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.compiled_load import has_effects
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion import closed_form, planar_motion
+from rb_dynamics.motion import closed_form
 from rb_dynamics.motion.adaptive_kernel import FOREVER
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, phase_at
 from rb_dynamics.motion.method import Inertia
-from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, RoundingHistory, grown, is_finite, total, with_arc
-from rb_dynamics.motion.step_checks import LARGEST_FREE_TURN, NO_INCREMENT
+from rb_dynamics.motion.phase_state import MOMENTUM, PhaseState, RoundingHistory, is_finite, total, with_arc
 from rb_dynamics.motion.step_control import Goal, Learnt, closed_form_rounding
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.numerics.vector import dot, norm, scale
+from rb_dynamics.numerics.vector import dot, scale
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -241,24 +240,6 @@ def _held(rows: Numbers, k: int) -> HeldWrench:
     return HeldWrench((r[0], r[1], r[2]), (r[3], r[4], r[5]), (r[6], r[7], r[8]), (r[9], r[10], r[11]))
 
 
-def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
-    """Advance by h s in closed form; give NaN if the closed form does not apply."""
-    (inertia, held), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
-    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
-    q, omega = phase.orientation, phase.angular_velocity
-    axis = planar_motion.fixed_axis(held, q, omega)
-    if closed_form.is_free(held):
-        step = closed_form.free_step(inertia, held, h, velocity, q, omega)
-    elif axis >= 0:
-        step = planar_motion.advance(inertia, held, h, velocity, q, omega, axis)
-    else:
-        step = NO_INCREMENT
-    if not max(norm(omega), norm(step.angular_velocity)) * h < LARGEST_FREE_TURN:
-        step = NO_INCREMENT
-    high, low = grown(phase.high, phase.low, step, h)
-    write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
-
-
 def _no_strides(numbers: Numbers, room: int, count: int) -> tuple[int, int, int]:  # noqa: ARG001
     """Placeholder for methods without strides by accuracy."""
     return 0, 0, 0
@@ -273,5 +254,4 @@ _FUNCTIONS = ", ".join(f"FunctionType({each})" for each in (_STEPS, _STRIDES, _S
 
 
 PROPAGATE = OnDemand("rk4", propagate, f"int64({_ARRAYS}, {_FUNCTIONS})")
-CLOSED_FORM = OnDemand("exact", _in_closed_form, _STEPS)
 NO_STRIDES = OnDemand("rk4", _no_strides, _STRIDES)

@@ -9,10 +9,11 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES, strides_of
 from rb_dynamics.motion.auto_method import CANDIDATES
 from rb_dynamics.motion.batch_kernel import mover
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import OnDemand, dense_kernel, gradual_kernel, kernel
 from rb_dynamics.motion.free_motion import FREE_STATES
 from rb_dynamics.motion.method import Method
-from rb_dynamics.motion.propagation_kernel import CLOSED_FORM, NO_STRIDES, PROPAGATE
+from rb_dynamics.motion.propagation_kernel import NO_STRIDES, PROPAGATE
 from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
 from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL
@@ -26,7 +27,7 @@ def usual_kernels() -> dict[str, OnDemand]:
     under_effects = dict.fromkeys(CANDIDATES[LoadDependence.FIELD] + CANDIDATES[LoadDependence.ANY])
     of_methods += [each for name in under_effects for each in _of(METHODS[name], effects=True)]
     of_methods += [each for name in CANDIDATES[LoadDependence.STATES] for each in _with_wheels(METHODS[name])]
-    return _by_name([NO_STRIDES, LONGEST, RATES, PROPAGATE, CLOSED_FORM, *of_methods, VARIATIONAL])
+    return _by_name([NO_STRIDES, LONGEST, RATES, PROPAGATE, kernel(EXACT), *of_methods, VARIATIONAL])
 
 
 def all_kernels() -> dict[str, OnDemand]:
