@@ -95,7 +95,8 @@ _Acting = tuple[Inertia, HeldWrench, "Numbers"]
 def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room: int, count: int) -> Progress:
     """Take at most `count` strides from `phase` on that end within `room` ns.
 
-    Stops, with `next_stride` 0, before a stride that cannot be taken or whose accuracy cannot be reached.
+    Stops, with `next_stride` 0, where a stride ends exactly there, and before one that cannot be taken or whose
+    accuracy cannot be reached.
     """
     strides = reached = 0
     while strides < count:
@@ -107,6 +108,8 @@ def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room:
             return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)
         phase, learnt = chosen.after, chosen.learnt
         strides, reached = strides + 1, reached + chosen.length
+        if reached == room:
+            break
     return Progress(strides, reached, phase, learnt, 0, phase, learnt)
 
 

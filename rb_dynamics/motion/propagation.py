@@ -114,6 +114,8 @@ class Arcs(NamedTuple):
         driven_by: method and control of arcs that are not in closed form; None if they have not been chosen.
         may_close: whether arcs that have a closed form are propagated by it.
         accuracy: the accuracy that a closed form must reach in spite of rounding.
+        length_ns: length of the arc before the present one; 0 if there was none.
+        expected_ns: length of the present arc if the two before were equally long; 0 if not.
     """
 
     history: RoundingHistory
@@ -122,6 +124,8 @@ class Arcs(NamedTuple):
     driven_by: tuple[Method, StepControl] | None
     may_close: bool
     accuracy: float
+    length_ns: int
+    expected_ns: int
 
 
 class Propagated(NamedTuple):
@@ -138,7 +142,6 @@ class Propagated(NamedTuple):
         closed: whether the present arc is in closed form.
         methods: names of the methods used.
         arc_state: state of the present arc.
-        length_ns: length of the arc before, if the present one began during the propagation.
         arcs: history before the present arc.
     """
 
@@ -152,7 +155,6 @@ class Propagated(NamedTuple):
     closed: bool
     methods: tuple[str, ...]
     arc_state: ArcState
-    length_ns: int
     arcs: Arcs
 
 
@@ -249,6 +251,7 @@ def _whole_numbers(arc_state: ArcState, arcs: Arcs, grid: StepControl, closed: b
     w[layout.LENGTH] = grid.length if isinstance(grid, FixedStep) else 0
     w[layout.CHOOSE_AFTER], w[layout.CLOSED], w[layout.MAY_CLOSE] = arc_state.choose_after, closed, arcs.may_close
     w[layout.DRIVEN_ARCS], w[layout.BUDGET] = arcs.driven, 10 * LONGEST_STRETCH
+    w[layout.BEFORE], w[layout.EXPECTED] = arc_state.start_ns - arcs.length_ns, arcs.expected_ns
     return w
 
 
@@ -294,10 +297,11 @@ def _propagated(
             learnt,
             following,
         ),
-        w[layout.START] - w[layout.BEFORE],
         arcs._replace(
             history=RoundingHistory(int(f[layout.HISTORY]), *f[layout.HISTORY + 1 : layout.ORIGIN]),
             origin=phase(layout.ORIGIN),
             driven=w[layout.DRIVEN_ARCS],
+            length_ns=w[layout.START] - w[layout.BEFORE],
+            expected_ns=w[layout.EXPECTED],
         ),
     )

@@ -61,11 +61,13 @@ NUMBERS = ROOM + CONSTANTS + PHASE
 # length of the next stride (0 if it has not been chosen). LENGTH: length of all strides (0 if each is chosen). PARTS:
 # number of steps that are as accurate as a stride. CHOOSE_AFTER: number of strides after which a method is chosen (0
 # for never). CLOSED: whether the arc is in closed form. MAY_CLOSE: whether arcs may be. DRIVEN_ARCS: number of earlier
-# arcs that were not in closed form. BEFORE: start of the arc before. BUDGET: number of strides that may still be taken.
+# arcs that were not in closed form. BEFORE: start of the arc before. EXPECTED: length (ns) of the arc if the two before
+# were equally long, otherwise 0. BUDGET: number of strides that may still be taken.
 # EDGES, CHANGES: numbers that have been passed. STEPS: number of steps of the arcs that have ended. STEPS_HERE: number
 # of steps to the last edge. BY_METHOD, BY_CLOSED_FORM: whether one led there. _AT: time of the next edge.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
-DRIVEN_ARCS, BEFORE, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE, BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(10, 21)
+DRIVEN_ARCS, BEFORE, EXPECTED, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE = range(10, 18)
+BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(18, 22)
 
 
 def propagate(
@@ -137,8 +139,13 @@ def _begin_arc(f: Numbers, w: Whole, here: PhaseState, held: Numbers, driven: in
     _copy(held, 0, f, 4, CONSTANTS - 4)
     _copy(f, HERE, f, ORIGIN, PHASE)
     _copy(f, HERE, f, GRID_POINT, PHASE)
-    # As `AccuracyControl.start` does.
-    f[GRID_POINT + PHASE + _LEARNT - 1] = 0.0
+    length = w[_AT] - w[START]
+    w[EXPECTED] = length if length == w[START] - w[BEFORE] else 0
+    if not closed:
+        # As `AccuracyControl.start` does.
+        f[GRID_POINT + PHASE + _LEARNT - 1] = 0.0
+        if w[EXPECTED] > 0:
+            f[GRID_POINT + PHASE] = min(f[GRID_POINT + PHASE], w[EXPECTED] / NANOSECONDS)
     w[STEPS] = w[STEPS_HERE]
     w[BEFORE], w[START], w[DRIVEN_ARCS], w[CLOSED] = w[START], w[_AT], driven, 1 if closed else 0
     w[REACHED] = w[STRIDES] = w[STRIDE] = 0
@@ -198,7 +205,7 @@ def _advance(
         elif w[STRIDE] == 0:
             count, way, w[STRIDE] = strides(f, min(target - w[REACHED], FOREVER), most)
             w[REACHED] += way
-            if count < most and w[STRIDE] == 0:
+            if count < most and w[STRIDE] == 0 and target > w[REACHED]:
                 w[STRIDES] += count
                 return STOPPED
         else:

@@ -152,8 +152,7 @@ class Plan:
             self._began = control, control.learnt
         again = None if self._method is not None or method is EXACT else self._cheapest
         # Under commands at regular times, the stride tried first leads to the next of them: no other step is needed.
-        regular = self._expected_ns > 0 and self.takes == LoadDependence.STATES
-        first = self._expected_ns / NANOSECONDS if regular else math.inf
+        first = self._expected_ns / NANOSECONDS if self._expected_ns else math.inf
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales, first)
 
     def separated(self) -> Plan:
@@ -186,8 +185,12 @@ class Plan:
             return None
         k, here = len(rows), phase_of(tuple(rows[-1].tolist()))
         steps = arc.steps_to(int(edges.at[k - 1]))
-        behind = Arcs(self._course, self._from, self._choice.driven_arcs, None, False, math.inf)
-        return arc, Propagated(DONE, k, 0, 0, steps, rows, here, False, (), arc.state, 0, behind)
+        behind = self._behind(None, False, math.inf)
+        return arc, Propagated(DONE, k, 0, 0, steps, rows, here, False, (), arc.state, behind)
+
+    def _behind(self, driven_by: tuple[Method, StepControl] | None, may_close: bool, accuracy: float) -> Arcs:
+        lengths = self._length_ns, self._expected_ns
+        return Arcs(self._course, self._from, self._choice.driven_arcs, driven_by, may_close, accuracy, *lengths)
 
     def _by_kernel(self, arc: Arc, edges: Edges) -> tuple[Arc, Propagated] | None:
         load_from, scales = arc.load
@@ -204,14 +207,15 @@ class Plan:
         if not len(edges.at):
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
-        behind = Arcs(self._course, self._from, self._choice.driven_arcs, driven_by, auto or closed, accuracy)
+        behind = self._behind(driven_by, auto or closed, accuracy)
         propagated = propagate(self._inertia, arc_state, behind, edges, scales.numbers)
         if propagated is None:
             return None
         if propagated.changes:
             new, behind = propagated.arc_state, propagated.arcs
             self._from_ns, self._from, self._course = new.start_ns, behind.origin, behind.history
-            self._start_ns, self._choice.length_ns = new.start_ns, propagated.length_ns
+            self._start_ns, self._choice.length_ns = new.start_ns, behind.length_ns
+            self._length_ns, self._expected_ns = behind.length_ns, behind.expected_ns
             self._choice.driven_arcs, self._driven = behind.driven, not propagated.closed
             method, control = new.method, new.control
             if propagated.closed:

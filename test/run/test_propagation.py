@@ -301,6 +301,27 @@ effects:
 """
 
 
+@pytest.mark.parametrize(("method", "steps"), [("rk4", 101), ("dop853", 101), ("taylor", 100), ("auto", None)])
+def test_under_regular_commands_one_stride_leads_to_the_next(method: str, steps: int | None, flown: list[int]) -> None:
+    """So no time is spent on trials of longer ones; the first after them is as long, and the bits are the same."""
+    period = 10_000_000
+    scene = replace(SCENE, solver=Solver(method=method, accuracy=1e-6))
+    commands = [("b", Wrench((0.1, 0.0, 0.2), (0.1, 0.01 * k, -0.2), "body", period * k)) for k in range(100)]
+    singly, together = _Everything(), _Everything()
+    one = _singly(scene, commands, singly)
+    assert not flown
+    many = _run(scene, commands, together)
+
+    assert sum(flown) > 100
+    assert repr(together.events) == repr(singly.events)
+    assert (many.sample, many.steps, many.method) == (one.sample, one.steps, one.method)
+    run = Simulation(scene)
+    for topic, wrench in commands:
+        run.post(topic, wrench, wrench.stamp_ns)
+    run.advance(period * 100 + 1)
+    assert steps is None or run.steps_computed == steps
+
+
 @pytest.mark.parametrize(("effects", "refused"), [("", False), (EFFECTS, False), (GRAVITY, True), (BUOYED, False)])
 @pytest.mark.parametrize(
     "solver",
