@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError, WrenchError
@@ -429,9 +429,10 @@ class WrenchChannels:
             if name not in self._frames.names:
                 continue
             mine = (batch.frame == k).nonzero()[0]
-            good[mine], columns = True, tuple(batch.wrench[mine].T)
+            columns: Any = tuple(batch.wrench[mine].T)
+            good[mine] = True
             with np.errstate(over="ignore", invalid="ignore"):
-                parts = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
+                parts: Any = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
             for i, numbers in enumerate(n for part in parts for n in part):
                 if isinstance(numbers, np.ndarray):
                     held[mine, i] = numbers

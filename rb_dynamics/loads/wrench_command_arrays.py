@@ -352,7 +352,8 @@ def timeline(
 
     times, channels, held = table.time_ns[rows], table.channel[rows], table.held[rows]
     each = [(channels == number).nonzero()[0] for number in range(len(holding))]
-    drops = [_drops(times[mine], *which, until_ns) for mine, *which in zip(each, holding, timeout_ns, strict=True)]
+    timeouts = zip(each, holding, timeout_ns, strict=True)
+    drops = [_drops(times[mine], now, timeout, until_ns) for mine, now, timeout in timeouts]
     at = distinct(np.concatenate([times, *drops]))
     total = np.zeros((len(at), HELD))
     for mine, (now, _), dropped in zip(each, holding, drops, strict=True):
