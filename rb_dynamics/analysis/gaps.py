@@ -18,6 +18,10 @@ _FAR = 5.0
 _STREAM, _FEW, _EVEN = 100, 3, 5.0
 # It is silent if it pauses for this many usual intervals and this many seconds, for at most this fraction of its time.
 LONG_INTERVALS, LONG_S, _PART = 10.0, 1.0, 0.2
+# Stamps are strays if they are at most this fraction of all, and this many times as far away as the rest lasts.
+_STRAY, _AWAY = 0.01, 10.0
+# rad by which a body may turn while nothing measures it, so that its motion is still followed.
+_FOLLOWED = 1.0
 # Number of gaps listed individually.
 NAMED = 5
 
@@ -66,6 +70,40 @@ def silences(time_ns: Times) -> NDArray[np.intp]:
     at = np.flatnonzero(steps > max(LONG_INTERVALS * usual, LONG_S * 1e9))
     even = float(np.quantile(np.delete(steps, at), 0.99)) <= _EVEN * usual
     return at if even and len(at) <= _FEW and steps[at].sum() <= _PART * steps.sum() else at[:0]
+
+
+def without_strays(time_ns: Times) -> slice:
+    """Return which of ascending stamps belong together: all but a few, far before or after all the others."""
+    few = int(_STRAY * len(time_ns))
+    if not few:
+        return slice(0, len(time_ns))
+    # The clock may have been anywhere: differences of whole numbers might overflow.
+    before, after = (part.astype(np.float64) for part in (time_ns[: few + 1], time_ns[-1 - few :]))
+    first, last = before[-1], after[0]
+    early = np.flatnonzero(np.diff(before) > _AWAY * (last - before[1:])) if last > first else []
+    late = np.flatnonzero(np.diff(after) > _AWAY * (after[:-1] - first)) if last > first else []
+    begin = int(early[-1]) + 1 if len(early) else 0
+    return slice(begin, len(time_ns) - few + int(late[0]) if len(late) else len(time_ns))
+
+
+def holes(times: Sequence[Times], rate: float, bridged: float = 0.0) -> list[tuple[int, int]]:
+    """Return begin and end of each hole between the samples of several sensors, in which a motion is not followed.
+
+    Args:
+        times: stamps of each sensor, ascending, ns.
+        rate: rad/s, at which the body turns; infinite where it is not known.
+        bridged: the shortest holes are none while together they last at most this many times as long as is measured.
+    """
+    ends = np.unique(np.concatenate(times))
+    begin, steps = ends[:-1], np.diff(ends).astype(np.float64)
+    seen = np.zeros(len(begin), dtype=bool)
+    for each in times:
+        usual = np.diff(each) <= (longest_usual(each) if len(each) > 3 else 0.0)
+        seen |= np.concatenate([[False], usual, [False]])[np.searchsorted(each, begin, side="right")]
+    at = np.flatnonzero(~seen & (steps * 1e-9 > _FOLLOWED / max(rate, 1e-300)))
+    at = at[np.argsort(steps[at], kind="stable")]
+    at = np.sort(at[np.cumsum(steps[at]) > bridged * steps[seen].sum()])
+    return list(zip(begin[at].tolist(), ends[at + 1].tolist(), strict=True))
 
 
 def told(time_ns: Times, start_ns: int) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
+from rb_dynamics.analysis.gaps import without_strays
 from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -497,11 +498,20 @@ class _TrackReader:
         # A bag may be large: what need not be copied is not.
         if not usable.all():
             time_ns, values = time_ns[usable], values[usable]
+        far = np.empty(0, np.int64)
+        if RUN not in self.bag.metadata:
+            ascending = time_ns if (time_ns[1:] >= time_ns[:-1]).all() else np.sort(time_ns)
+            near = without_strays(ascending)
+            far = np.concatenate([ascending[: near.start], ascending[near.stop :]])
+        if len(far):
+            usual = ~np.isin(time_ns, far)
+            time_ns, values = time_ns[usual], values[usual]
         unordered = disorder(time_ns)
         if unordered is not None:
             order = np.argsort(time_ns, kind="stable")
             time_ns, values = time_ns[order], values[order]
-        return TimeSeries(topic, time_ns, values, frame, unordered, int((~usable).sum()))
+        unusable = int((~usable).sum())
+        return TimeSeries(topic, time_ns, values, frame, unordered, unusable, far_ns=tuple(far.tolist()))
 
     def _vector(self, name: str) -> TimeSeries | None:
         topic = self._named(name, VECTOR)

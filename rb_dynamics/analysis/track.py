@@ -61,6 +61,7 @@ class TimeSeries:
         disorder: stamps that do not ascend in the file; None if all do.
         unusable: number of messages left out because a number in them is not finite or too large.
         strays: number of messages left out because they are of other frames, by these, as in "map:base_link".
+        far_ns: stamps that are left out because they are far from all the others.
         spikes: of which the values are those between the samples about them.
     """
 
@@ -71,6 +72,7 @@ class TimeSeries:
     disorder: Disorder | None = None
     unusable: int = 0
     strays: Mapping[str, int] = field(default_factory=dict)
+    far_ns: tuple[int, ...] = ()
     spikes: tuple[Spikes, ...] = ()
 
     @property
@@ -81,7 +83,7 @@ class TimeSeries:
     @property
     def left_out(self) -> int:
         """Messages that are left out."""
-        return self.unusable + sum(self.strays.values())
+        return self.unusable + len(self.far_ns) + sum(self.strays.values())
 
     @property
     def count(self) -> int:
@@ -109,6 +111,13 @@ class TimeSeries:
             each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
             of = f"{sum(self.strays.values())} of {self.count} messages"
             told.append(f"{of} are of other frames than the rest, and left out: {each}")
+        if self.far_ns:
+            away = max(self.far_ns, key=lambda at: abs(at - start_ns)) - start_ns
+            is_are, up_to = ("is", "") if len(self.far_ns) == 1 else ("are", "up to ")
+            told.append(
+                f"{len(self.far_ns)} of {self.count} stamps {is_are} far from all the others, {up_to}"
+                f"{abs(away) * 1e-9:.6g} s {'before' if away < 0 else 'after'} the start, and left out"
+            )
         told += [self.disorder.told(start_ns)] if self.disorder is not None else []
         told += [each.told(start_ns) for each in self.spikes]
         told += [

@@ -49,6 +49,9 @@ TELLS = 0.5
 """A motion does not determine an inertia if each moment may have a larger undetected relative error, or if that part of
 the angular momentum in a sample is noise."""
 
+SHORT = "no part without a hole, in which all wrenches are known, has enough samples of each sensor"
+"""Why nothing can be told where nothing can be fitted."""
+
 
 @dataclass(frozen=True)
 class Stretch:
@@ -289,18 +292,22 @@ def _share(found: InertiaScore, track: Track) -> float:
 def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: bool) -> str:
     """Return why nothing can be said; `caused` says whether a cause is found of what is not explained."""
     if explained:
-        hidden = noise >= TELLS or (noise > 0.0 and (found is None or min(found.unseen) >= TELLS))
+        if found is None and noise > 0.0:
+            return SHORT
+        hidden = noise >= TELLS or (noise > 0.0 and found is not None and min(found.unseen) >= TELLS)
         return "the noise of the recording hides it" if hidden else ""
-    if found is not None and found.late:
+    if found is None:
+        return "" if caused else SHORT
+    if found.late:
         return "a delay of a sensor or of the commands would explain what is left as well"
-    if found is not None and found.gyro is not None:
+    if found.gyro is not None:
         factors, turn = ", ".join(f"{each:.4g}" for each in found.gyro[:3]), np.rad2deg(np.linalg.norm(found.gyro[3:]))
         what = f"factors of ({factors}) and axes turned by {turn:.3g}°" if turn >= 0.0 else "of factors and axes"
         return f"errors of the measured rates, {what}, would explain what is left as well"
-    if caused or (found is not None and found.torque is not None):
+    if caused or found.torque is not None:
         return ""
     left = "neither another inertia nor a torque that is constant in each twelfth of the time explains what is left"
-    if found is not None and found.noiseless:
+    if found.noiseless:
         return f"{left}, and the sensors show no noise; a torque that varies faster is one possible cause"
     return f"{left}, as of coloured noise or of a torque that varies faster"
 

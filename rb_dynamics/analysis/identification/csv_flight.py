@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, which_channel
+from rb_dynamics.analysis.gaps import without_strays
 from rb_dynamics.analysis.identification.flights import (
     ACCELERATION,
     ATTITUDE,
@@ -38,6 +39,8 @@ from rb_dynamics.scene.model import Scene
 
 # ns in the unit of each column of times.
 _TIMES = {"time_s": 10**9, "time_ms": 10**6, "time_us": 10**3, "time_ns": 1}
+# ns; differences of times fit in 64 bits.
+_END_OF_TIME = 2**62
 _XYZ = ("x", "y", "z")
 
 Mask = NDArray[np.bool_]
@@ -90,16 +93,19 @@ def read_csv_flight(
             "--columns gyro=wx,wy,wz"
         )
     seen = np.logical_or.reduce([measured[quantity] for quantity in moving])
-    zero, end = (int(each) for each in times[seen][[0, -1]])
+    kept, notes = without_strays(times[seen]), list[str]()
+    zero, end = (int(each) for each in times[seen][kept][[0, -1]])
+    if far := int(((times < zero) | (times > end))[seen].sum()):
+        notes.append(f"{path}: {far} of {int(seen.sum())} times are far from all the others, and are left out")
     streams = []
     for quantity in moving:
-        at, values = times[measured[quantity]] - zero, found[quantity][measured[quantity]]
+        rows = measured[quantity] & (times >= zero) & (times <= end)
+        at, values = times[rows] - zero, found[quantity][rows]
         if quantity == "attitude":
             _require_unit(path, values)
             values = unit_rows(values)
         world, gyro = quantity == "velocity_world", quantity == "gyro"
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
-    notes: list[str] = []
     channels = [*_wrench(found, measured, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
     return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
@@ -220,7 +226,7 @@ def _numbers(
             try:
                 if quantity in _TIMES:
                     # As the decimal number that was written: a float would lose nanoseconds of a wall clock.
-                    time_ns = time_in_ns(cell, _TIMES[quantity])
+                    time_ns = _time_ns(cell, _TIMES[quantity])
                 else:
                     found.append(real_number(cell) if cell else math.nan)
             except ValueError as error:
@@ -230,3 +236,11 @@ def _numbers(
                     "the cell" + ("" if quantity in _TIMES else ", or leave it empty where nothing was measured")
                 ) from None
     return time_ns, found
+
+
+def _time_ns(cell: str, unit: int) -> int:
+    """Return a time, ns; see `time_in_ns`."""
+    time_ns = time_in_ns(cell, unit)
+    if abs(time_ns) >= _END_OF_TIME:
+        raise ValueError("less than 2^62 ns (146 years) either way")
+    return time_ns

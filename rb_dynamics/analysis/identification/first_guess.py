@@ -63,7 +63,8 @@ def _inertia(model: Model) -> Array | None:
                 speed = 1.0 if isinstance(effect, LinearDrag) else np.linalg.norm(middle, axis=1, keepdims=True)
                 columns.append(np.cumsum(spans * speed * middle, axis=0)[:, :, None] * np.eye(3))
         half = 0.5 * _PIECE / model.starts[number].fastest
-        ends = np.unique(np.searchsorted(seconds, np.arange(0.0, seconds[-1], half)))
+        # Where one piece ends and the next begins.
+        ends = np.append(0, np.flatnonzero(np.diff(np.floor(seconds / half))) + 1)
         begin, end = ends[:-2], ends[2:]
         every = np.concatenate(columns, axis=2)
         rows.append((every[end] - every[begin]).reshape(-1, every.shape[2]))

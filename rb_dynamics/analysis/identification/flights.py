@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
+from rb_dynamics.analysis.gaps import NAMED, holes, listed
 from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
@@ -28,6 +29,8 @@ UNITS = {ATTITUDE: "rad", POSITION: "m", VELOCITY: "m/s", RATES: "rad/s", ACCELE
 
 NO_WRENCH = "no wrench is recorded: nothing but the effects of the scene is taken to act"
 
+# A motion is followed over holes that together last this many times as long as is measured.
+_BRIDGED = 10.0
 _FEWEST = 4
 """Samples of a stream without which it says nothing of its noise."""
 
@@ -108,24 +111,59 @@ class Flight:
                 "a twist or a gyro; record the flight again, or name another recording"
             )
 
-    def between_moves(self) -> list[Flight]:
-        """Return what was measured before, between and after moves to another state: no motion leads across one."""
+    def pieces(self) -> list[Flight]:
+        """Return what was measured before, between and after moves to another state and holes: none is led across.
+
+        Raises:
+            LogError: no sensor measured on both sides of a hole.
+        """
         first, last = self.span_ns
-        edges = [first, *(each + 1 for each in self.moved_ns if first <= each < last), last + 1]
+        moves = [each for each in self.moved_ns if first <= each < last]
+        breaks = self._holes()
+        edges = [first, *sorted({each + 1 for each in (*moves, *(begin for begin, _ in breaks))}), last + 1]
         if len(edges) == 2:
             return [self]
-        at = ", ".join(f"{(edge - 1) / 1e9:.9g}" for edge in edges[1:-1])
-        note = (
-            f"the body was moved to another state (set_state) at {at} s: each piece is fitted from a start of its own"
-        )
+        notes = []
+        if moves:
+            at = ", ".join(f"{each / 1e9:.9g}" for each in moves)
+            notes.append(
+                f"the body was moved to another state (set_state) at {at} s: each piece is fitted from a start of its "
+                "own"
+            )
+        if breaks:
+            each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in breaks[:NAMED]], len(breaks))
+            notes.append(
+                f"nothing was measured for {each}, over which the motion is not followed: each piece is fitted from a "
+                "start of its own; if a clock leapt there, cut the recording with convert --from or --to"
+            )
         pieces = [
             self.between(*span)
             for span in itertools.pairwise(edges)
             if any(np.diff(np.searchsorted(stream.time_ns, span))[0] >= _FEWEST for stream in self.streams)
         ]
         return [
-            replace(piece, moved_ns=(), notes=() if k else (*self.notes, note)) for k, piece in enumerate(pieces)
+            replace(piece, moved_ns=(), notes=() if k else (*self.notes, *notes)) for k, piece in enumerate(pieces)
         ] or [self]
+
+    def _holes(self) -> list[tuple[int, int]]:
+        """Return begin and end of the holes over which a motion is not followed.
+
+        Raises:
+            LogError: no sensor measured on both sides of one.
+        """
+        streams = [stream for stream in self.streams if len(stream.time_ns) >= _FEWEST]
+        times, rate = [stream.time_ns for stream in streams], _turn_rate(streams)
+        for begin, end in holes(times, rate):
+            if not any(time[0] <= begin and time[-1] >= end for time in times):
+                each = ", ".join(
+                    f"{s.topic} {s.kind} from {s.time_ns[0] * 1e-9:.6g} to {s.time_ns[-1] * 1e-9:.6g} s"
+                    for s in streams
+                )
+                raise LogError(
+                    f"{self.name}: no sensor measured both before and after {begin * 1e-9:.6g} to {end * 1e-9:.6g} s: "
+                    f"{each}; expected sensors of one clock; stamp them by one clock, or leave out all but those of one"
+                )
+        return holes(times, rate, _BRIDGED)
 
     def between(self, first_ns: int, end_ns: int) -> Flight:
         """Return what was measured from `first_ns` to before `end_ns`."""
@@ -241,6 +279,17 @@ class Flight:
         """Return the same without what was measured after `end_ns`."""
         ends = (int(np.searchsorted(stream.time_ns, end_ns, side="right")) for stream in self.streams)
         return replace(self, streams=tuple(s.rows(slice(end)) for s, end in zip(self.streams, ends, strict=True)))
+
+
+def _turn_rate(streams: Sequence[Stream]) -> float:
+    """Return how fast the body turns, rad/s, the median; infinite where no sensor tells."""
+    rates = [np.linalg.norm(stream.values, axis=1) for stream in streams if stream.kind == RATES]
+    for stream in streams if not rates else ():
+        spans = np.diff(stream.time_ns) * 1e-9
+        if stream.kind == ATTITUDE and (spans > 0.0).any():
+            turned = np.linalg.norm(rotations_between(stream.values[:-1], stream.values[1:]), axis=1)
+            rates.append(turned[spans > 0.0] / spans[spans > 0.0])
+    return min((float(np.median(each)) for each in rates), default=np.inf)
 
 
 def usual_interval(time_ns: Times) -> float:

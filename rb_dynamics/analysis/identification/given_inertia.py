@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from rb_dynamics.analysis.gaps import holes
 from rb_dynamics.analysis.identification.estimation import followed, starts_of
 from rb_dynamics.analysis.identification.flights import (
     ATTITUDE,
@@ -237,13 +238,13 @@ def _part(
     track: Track, moving: TimeSeries, near_ns: int | None, translation: bool = False
 ) -> tuple[Flight, int] | None:
     """Return what is fitted, with times from its begin, and that; None for too few samples."""
-    stretches = _known(track)
-    begin, end = next(
-        (each for each in stretches if near_ns is not None and each[0] <= near_ns <= each[1]),
-        max(stretches, key=lambda each: each[1] - each[0], default=(0, 0)),
-    )
     some = moving.values[:: max(1, len(moving.values) // _MOST), 3:]
     rate = float(np.median(np.linalg.norm(some, axis=1)))
+    stretches = _known(track, rate)
+    begin, end = next(
+        (each for each in stretches if near_ns is not None and each[0] <= near_ns <= each[1]),
+        max(stretches, key=lambda each: np.diff(np.searchsorted(moving.time_ns, each))[0], default=(0, 0)),
+    )
     half = round(0.5 * _TURN / max(rate, 1e-9) * NANOSECONDS)
     if 2 * half < end - begin:
         middle = (begin + end) // 2 if near_ns is None else near_ns
@@ -263,11 +264,13 @@ def _part(
     return Flight(str(track.bag.path), moved, channels), first
 
 
-def _known(track: Track) -> list[tuple[int, int]]:
-    """Return the stretches of time in which all wrenches are known and nobody moved the body to another state."""
+def _known(track: Track, rate: float) -> list[tuple[int, int]]:
+    """Return the stretches of time without holes in which all wrenches are known and nobody moved the body."""
     begin, end = track.span_ns
     found = [(begin, end)]
     unknown = [(track.moved_ns, track.moved_ns + 1)]
+    measured = [each.time_ns for each in (track.pose, track.twist) if each is not None]
+    unknown += [(np.array([begin]), np.array([end])) for begin, end in holes(measured, rate)]
     unknown += [(each.time_ns[~each.known], np.append(each.time_ns[1:], end)[~each.known]) for each in track.acting]
     for since, until in unknown:
         for low, high in zip(since.tolist(), until.tolist(), strict=True):

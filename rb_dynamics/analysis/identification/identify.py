@@ -314,7 +314,7 @@ def identify(
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
     flights, held_out = (
-        [p for each in some for p in _flight(each, known, commands, columns, topics).without_repeats().between_moves()]
+        [p for each in some for p in _flight(each, known, commands, columns, topics).without_repeats().pieces()]
         for some in (given, validate)
     )
     for flight in (*flights, *held_out):
