@@ -228,6 +228,10 @@ def _turning(steps: RecordedWrench, vectors: Array, samples: _Samples, turns: ND
         whole = _INTERPOLATED * _remainder(h[:, 0], np.ones(count - 1), w)
         kink = h[:, 0] ** 3 / 100.0 * _acceleration(h[:, 0], w)
         error[rows + 1] = largest * (whole + np.maximum(kink, jolt))[rows]
+        size_of_b[rows] = largest
+    # A larger error than the impulse can have says that it is not known, as over a hole: its digits would drown others.
+    void = error[1:] > h[:, 0] * size_of_b
+    error[1:][void], turning[1:][void] = np.inf, 0.0
     return turning, error
 
 

@@ -44,7 +44,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
-from rb_dynamics.logs.stamp_order import disorder, standing
+from rb_dynamics.logs.stamp_order import Disorder, disorder, standing
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
@@ -509,6 +509,7 @@ class _TrackReader:
         unordered = disorder(time_ns)
         if unordered is not None:
             order = np.argsort(time_ns, kind="stable")
+            unordered = _without_repeats(unordered, time_ns, values, order)
             time_ns, values = time_ns[order], values[order]
         unusable = int((~usable).sum())
         return TimeSeries(topic, time_ns, values, frame, unordered, unusable, far_ns=tuple(far.tolist()))
@@ -728,6 +729,17 @@ class _TrackReader:
         named -= {*commands}
         if others := sorted(named - {*self.uses}):
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
+
+
+def _without_repeats(found: Disorder, time_ns: Times, values: Array, order: NDArray[np.intp]) -> Disorder | None:
+    """Return the disorder of the messages that are no exact repeats, as of a sender that sends again.
+
+    Where half of all are, a whole run is in the file twice.
+    """
+    one, next_ = order[:-1], order[1:]
+    same = (values[one] == values[next_]) | (np.isnan(values[one]) & np.isnan(values[next_]))
+    again = next_[(time_ns[one] == time_ns[next_]) & same.reshape(len(one), -1).all(axis=1)]
+    return disorder(np.delete(time_ns, again)) if 0 < 2 * len(again) < len(time_ns) else found
 
 
 def _commanded(topic: str) -> bool:

@@ -11,6 +11,8 @@ Times = NDArray[np.int64]
 
 # Fewer messages than this in a row are not a run of their own.
 _RUN = 3
+# Messages are often late if one of so many is, and another run goes back by this many times their usual lateness.
+_COMMON, _MUCH = 50, 5.0
 # Fewer messages with one stamp may be sent at once.
 _STILL = 4
 # A clock hangs while this many samples have one stamp, and this many times as many as usual.
@@ -44,7 +46,8 @@ class Disorder:
             first = ", first" * (len(self.restarts) > 1)
             parts.append(
                 f"stamps begin again{first} after t = {end:.6g} s at {begin:.6g} s: {runs} runs in one file, which "
-                "cannot be told apart"
+                "cannot be told apart, or a "
+                "clock that was set back"
             )
         if self.odd:
             is_are, most = ("is", "") if self.odd == 1 else ("are", "at most ")
@@ -112,13 +115,20 @@ def _ahead(time_ns: Times) -> NDArray[np.intp]:
 def _restart(run: Times, newest: Times, late: NDArray[np.bool_]) -> int:
     """Return where another run begins: late messages in a row that neither lead back nor fill a hole; the end if none.
 
+    Where many messages are late, it goes back by more than these usually are.
+
     Messages that were under way for longer lead back to the newest by a jump, or are of a time without others.
     """
     edges = np.diff(late.astype(np.int8), prepend=0, append=0)
-    for begin, end in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
+    begins = np.flatnonzero(edges == 1)
+    many = _COMMON * len(begins) >= len(run)
+    usual = _MUCH * float(np.quantile((newest - run)[begins], 0.9)) if many else 0.0
+    for begin, end in zip(begins.tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
         if end - begin < _RUN:
             continue
         if end < len(run) and 2 * (run[end] - run[end - 1]) >= newest[begin] - run[begin]:
+            continue
+        if newest[begin] - run[begin] <= usual:
             continue
         among = np.count_nonzero((run[:begin] >= run[begin]) & (run[:begin] <= run[end - 1]))
         if run[begin] <= run[0] or 2 * among >= end - begin:

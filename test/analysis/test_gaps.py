@@ -9,7 +9,7 @@ from tumbling import bag_of, failing, spin, summary_of
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.checks import losses
-from rb_dynamics.analysis.gaps import silences, told
+from rb_dynamics.analysis.gaps import holes, silences, told, without_strays
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats.topic_messages import Topic
 
@@ -124,3 +124,40 @@ def test_pauses_of_sparse_commands_and_of_bursts_are_meant() -> None:
     ):
         assert not len(silences(times))
         assert not commanded(times)
+
+
+@pytest.mark.parametrize(
+    ("stray", "kept"),
+    [
+        ([-(10**18)], slice(1, 301)),
+        ([10**18], slice(0, 300)),
+        ([-(10**18), 10**18, 10**18 + 5], slice(1, 301)),
+        ([40 * 10**9], slice(0, 300)),
+        ([9 * 10**9], slice(0, 301)),
+        ([10**18 + k for k in range(30)], slice(0, 330)),
+        ([], slice(0, 300)),
+    ],
+)
+def test_a_few_stamps_far_from_all_the_others_are_strays(stray: list[int], kept: slice) -> None:
+    assert without_strays(np.sort(np.concatenate([STEP * np.arange(300), np.array(stray, np.int64)]))) == kept
+
+
+def test_a_motion_is_followed_where_a_sensor_measures_or_the_body_turns_little() -> None:
+    one, other = STEP * without((100, 300), (500, 700)), STEP * without((290, 800))
+    assert holes([one], 1.0) == [(STEP * 100, STEP * 300), (STEP * 500, STEP * 700)]
+    assert holes([one], 0.4) == holes([one, STEP * np.arange(1000)], 1.0) == []
+    assert holes([one, other], 1.0) == [(STEP * 500, STEP * 700)]
+    # As much of holes is bridged as of what is measured, the shortest first.
+    assert holes([np.append(one, 10**13)], 1.0, 10.0) == [(STEP * 999, 10**13)]
+
+
+def test_a_stray_stamp_is_left_out_and_named() -> None:
+    """It made every time of the output a wall clock's, and the noise was blamed that nothing was judged."""
+    motion = spin()
+    motion = motion.taken(np.concatenate([[0], np.arange(len(motion.time_ns))]))
+    motion.time_ns[0] -= 10**18
+    found = read_track(bag_of(motion))
+    assert found.pose is not None
+    assert len(found.pose.time_ns) == len(spin().time_ns)
+    assert "1 of 1001 stamps is far from all the others, 1e+09 s before" in failing(bag_of(motion))["/b/pose is whole"]
+    assert any("far from all the others" in each for each in losses(found))

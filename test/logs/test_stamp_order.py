@@ -66,7 +66,8 @@ def test_a_run_that_begins_again_is_told(order: np.ndarray, odd: int, restarts: 
 def test_both_are_told_in_words() -> None:
     assert disorder(EVERY * EVEN) is disorder(np.zeros(3, np.int64)) is disorder(np.zeros(0, np.int64)) is None
     again = (
-        "stamps begin again, first after t = 4.99 s at 1 s: 3 runs in one file, which cannot be told apart; 3 of 1200 "
+        "stamps begin again, first after t = 4.99 s at 1 s: 3 runs in one file, which cannot be told apart, or a "
+        "clock that was set back; 3 of 1200 "
     )
     for order, start_ns, told in (
         (swapped(7), 0, "1 of 400 stamps is out of order, by 0.01 s, at t = 0.07 s; messages are taken by "),
@@ -76,3 +77,16 @@ def test_both_are_told_in_words() -> None:
         found = disorder(EVERY * order)
         assert found is not None
         assert found.told(start_ns).startswith(told)
+
+
+def test_messages_that_are_often_late_are_no_run() -> None:
+    """Of a network that delays each message by a random time, some are late in a row."""
+    for seed in range(5):
+        late = np.random.default_rng(seed).exponential(5.0, 2000)
+        order = np.argsort(np.arange(2000) + late, kind="stable")
+        found = disorder(EVERY * order)
+        assert found is not None
+        assert not found.restarts
+        twice = disorder(EVERY * np.concatenate([order, order]))
+        assert twice is not None
+        assert len(twice.restarts) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -93,3 +94,20 @@ def test_tables_that_tell_nothing_are_refused(
 ) -> None:
     with pytest.raises(LogError, match=expected):
         read_csv_flight(write(tmp_path / "bad.csv", "time_s,wx,wy,wz", rows), guess(BODY), columns=columns)
+
+
+@pytest.mark.parametrize(("name", "time"), [("time_s", "1e300"), ("time_ns", str(2**63 + 5)), ("time_us", "-1e16")])
+def test_a_time_that_64_bits_do_not_hold_is_named(tmp_path: Path, name: str, time: str) -> None:
+    table = write(tmp_path / "far.csv", f"{name},gyro_x,gyro_y,gyro_z", [f"{time},1,2,3"])
+    with pytest.raises(
+        LogError, match=rf"far.csv, line 2, {name}: found '{re.escape(time)}', expected less than 2\^62"
+    ):
+        read_csv_flight(table, guess(BODY))
+
+
+@pytest.mark.parametrize("far", [-(10**18), 10**18])
+def test_a_time_far_from_all_the_others_is_left_out(tmp_path: Path, far: int) -> None:
+    rows = [f"{time},0,0,1" for time in sorted([far, *range(0, 3 * 10**9, 10**7)])]
+    found = read_csv_flight(write(tmp_path / "one.csv", "time_ns,gyro_x,gyro_y,gyro_z", rows), guess(BODY))
+    assert found.span_ns == (0, 299 * 10**7)
+    assert any("1 of 301 times are far from all the others" in note for note in found.notes)

@@ -298,3 +298,34 @@ def test_an_accelerometer_at_the_time_of_a_command_shows_which_force_is_not_know
     assert len(rates.time_ns) == 100
     assert np.array_equal(np.setdiff1d(times, force.time_ns), [0, 300_000_000])
     assert found.notes[0].startswith("2 of 100 samples of /imu acceleration have the time of a command")
+
+
+def later(flight: Flight, by_ns: int, half: int) -> Flight:
+    """Return the flight with all its stamps from `half` on later: a clock that was set."""
+    moved = (
+        replace(stream, time_ns=stream.time_ns + np.where(stream.time_ns > half, by_ns, 0)) for stream in flight.streams
+    )
+    return replace(flight, streams=tuple(moved))
+
+
+def test_a_motion_is_not_followed_over_a_hole_far_longer_than_what_is_measured() -> None:
+    """The work grew with the time, not with the samples: a clock set by a year took forever, or all the memory."""
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(3), seconds=4.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, pose=1e-3)
+    assert len(made.pieces()) == len(later(made, 30 * 10**9, 2 * 10**9).pieces()) == 1
+    set_once = later(made, 10**18, 2 * 10**9)
+    first, second = set_once.pieces()
+    assert first.span_ns[1] < 2 * 10**9 + 1
+    assert second.span_ns[0] > 10**18
+    assert any("nothing was measured for 1e+09 s from 2 s" in note for note in first.notes)
+    found = identify(guess(body), [set_once], ["inertia_ratios"])
+    assert {each.flight for each in found.residuals} == {0, 1}
+
+
+def test_sensors_of_two_clocks_are_refused() -> None:
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(3), seconds=4.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, pose=1e-3)
+    rates, attitude, *_ = made.streams
+    apart = replace(made, streams=(replace(rates, time_ns=rates.time_ns + 10**18), attitude))
+    with pytest.raises(LogError, match="no sensor measured both before and after"):
+        apart.pieces()
