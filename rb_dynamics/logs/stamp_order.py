@@ -124,11 +124,13 @@ def _restart(run: Times, newest: Times, late: NDArray[np.bool_]) -> int:
     many = _COMMON * len(begins) >= len(run)
     usual = _MUCH * float(np.quantile((newest - run)[begins], 0.9)) if many else 0.0
     for begin, end in zip(begins.tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
+        far = np.flatnonzero((newest - run)[begin:end] > usual)
+        if not len(far):
+            continue
+        begin += int(far[0])
         if end - begin < _RUN:
             continue
         if end < len(run) and 2 * (run[end] - run[end - 1]) >= newest[begin] - run[begin]:
-            continue
-        if newest[begin] - run[begin] <= usual:
             continue
         among = np.count_nonzero((run[:begin] >= run[begin]) & (run[:begin] <= run[end - 1]))
         if run[begin] <= run[0] or 2 * among >= end - begin:

@@ -319,7 +319,7 @@ def test_a_motion_is_not_followed_over_a_hole_far_longer_than_what_is_measured()
     assert second.span_ns[0] > 10**18
     assert any("nothing was measured for 1e+09 s from 2 s" in note for note in first.notes)
     found = identify(guess(body), [set_once], ["inertia_ratios"])
-    assert {each.flight for each in found.residuals} == {0, 1}
+    assert any("nothing was measured" in note for note in found.notes)
 
 
 def test_sensors_of_two_clocks_are_refused() -> None:
