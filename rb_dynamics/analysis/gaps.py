@@ -80,8 +80,10 @@ def without_strays(time_ns: Times) -> slice:
     # The clock may have been anywhere: differences of whole numbers might overflow.
     before, after = (part.astype(np.float64) for part in (time_ns[: few + 1], time_ns[-1 - few :]))
     first, last = before[-1], after[0]
-    early = np.flatnonzero(np.diff(before) > _AWAY * (last - before[1:])) if last > first else []
-    late = np.flatnonzero(np.diff(after) > _AWAY * (after[:-1] - first)) if last > first else []
+    if not last > first:
+        return slice(0, len(time_ns))
+    early = np.flatnonzero(np.diff(before) > _AWAY * (last - before[1:]))
+    late = np.flatnonzero(np.diff(after) > _AWAY * (after[:-1] - first))
     begin = int(early[-1]) + 1 if len(early) else 0
     return slice(begin, len(time_ns) - few + int(late[0]) if len(late) else len(time_ns))
 

@@ -33,7 +33,7 @@ from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, TRANSFORMS, V
 from rb_dynamics.formats.topic_messages import KEPT, Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
-from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.logs.bag_reader import IMUS, Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.number_parsing import whole_number
 
@@ -176,7 +176,9 @@ class RunSummary:
     def reservation(self) -> str:
         """Reservation of a "passed": the checks that cover less than half of the run; "" for none."""
         checked = [check for check in self.checks if check.judged and check.share < HALF]
-        return "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
+        told = "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
+        unknown = any(check.name == EXPLAINS and not check.judged for check in self.checks)
+        return told + "; whether the inertia explains the motion is not judged" * unknown
 
     def balance(self, name: str) -> Balance | None:
         """Return the balance of "energy", "angular momentum" or "linear momentum"; None if unknown."""
@@ -289,6 +291,8 @@ def _fitted_instead(track: Track) -> str:
         why = f"{twist.topic} has only the angular velocity"
     else:
         why = f"too few samples of {pose.topic} and {twist.topic} share a stamp at which the wrench is known"
+    if twist is None and pose is not None and (topic := track.bag.topics.get(pose.topic)) and topic.type_name in IMUS:
+        return f"the attitude of {pose.topic} is an estimate, and nothing else is measured"
     scene = track.body_from if track.body_from.endswith((".yaml", ".yml")) else "SCENE"
     told = shlex.join(["rb-dynamics", "identify", scene, str(track.bag.path)])
     return f"{why}; fit it with its error: {told}"

@@ -115,19 +115,16 @@ def _ahead(time_ns: Times) -> NDArray[np.intp]:
 def _restart(run: Times, newest: Times, late: NDArray[np.bool_]) -> int:
     """Return where another run begins: late messages in a row that neither lead back nor fill a hole; the end if none.
 
-    Where many messages are late, it goes back by more than these usually are.
-
-    Messages that were under way for longer lead back to the newest by a jump, or are of a time without others.
+    Messages that were under way for longer lead back to the newest by a jump, or are of a time without others. Where
+    many are late, another run goes back by more than these usually are.
     """
     edges = np.diff(late.astype(np.int8), prepend=0, append=0)
     begins = np.flatnonzero(edges == 1)
     many = _COMMON * len(begins) >= len(run)
     usual = _MUCH * float(np.quantile((newest - run)[begins], 0.9)) if many else 0.0
-    for begin, end in zip(begins.tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
-        far = np.flatnonzero((newest - run)[begin:end] > usual)
-        if not len(far):
-            continue
-        begin += int(far[0])
+    for first, end in zip(begins.tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
+        far = np.flatnonzero((newest - run)[first:end] > usual)
+        begin = first + int(far[0]) if len(far) else end
         if end - begin < _RUN:
             continue
         if end < len(run) and 2 * (run[end] - run[end - 1]) >= newest[begin] - run[begin]:

@@ -161,3 +161,11 @@ def test_a_stray_stamp_is_left_out_and_named() -> None:
     assert len(found.pose.time_ns) == len(spin().time_ns)
     assert "1 of 1001 stamps is far from all the others, 1e+09 s before" in failing(bag_of(motion))["/b/pose is whole"]
     assert any("far from all the others" in each for each in losses(found))
+
+
+def test_messages_that_are_sent_again_are_no_run() -> None:
+    rows = np.arange(1000)
+    again = spin().taken(np.concatenate([rows, rows[975:980]]))
+    assert "/b/pose is whole" not in failing(bag_of(again))
+    twice = spin().taken(np.concatenate([rows, rows]))
+    assert "begin again" in failing(bag_of(twice))["/b/pose is whole"]
