@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.own_log_consistency import topic_in_log
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
 from rb_dynamics.loads.actuator import Actuator
@@ -188,7 +187,7 @@ def _setpoints(track: Track, offset_ns: int) -> dict[str, _Setpoints]:
     found = {}
     for actuator in _actuators(track):
         if not isinstance(actuator, Thruster):
-            topic = track.bag.topics.get(topic_in_log(track, actuator.topic))
+            topic = track.bag.topics.get(track.bag.called(actuator.topic))
             times, values = np.empty(0, np.int64), np.empty(0)
             if topic is not None and topic.count:
                 times, values = track.bag.scalars(topic.name)
@@ -209,7 +208,7 @@ def _sampled(track: Track) -> set[str]:
         return set()
     names = [channel.topic for channel in scene.channels if channel.lag]
     names += [each.name for each in scene.actuators if isinstance(each, Thruster) and (each.rise or each.fall)]
-    return {topic_in_log(track, name + APPLIED) for name in names}
+    return {track.bag.called(name + APPLIED) for name in names}
 
 
 def _common_times(a: RecordedWrench, b: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> Times:

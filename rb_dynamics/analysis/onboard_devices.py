@@ -15,7 +15,6 @@ from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_row
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.log_metadata import TOPICS
 from rb_dynamics.formats.message_types import JOINTS
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.actuator import Actuator
@@ -187,11 +186,7 @@ def onboard(track: Track) -> Onboard:
     scene = track.scene
     if scene is None or not (scene.actuators or scene.sensors):
         return Onboard()
-    names = track.bag.metadata.get(TOPICS, {})
-
-    def called(name: str) -> str:
-        return names.get(name, name if name.startswith("/") else f"/{name}")
-
+    called = track.bag.called
     wanted = [*(each.topic for each in scene.actuators), *(each.name for each in scene.sensors), WHEELS[0]]
     found = _numbers(track, {called(name): name for name in wanted})
     uses = {each.topic: "command" for each in scene.actuators} | {each.name: "sensor" for each in scene.sensors}

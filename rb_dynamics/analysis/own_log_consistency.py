@@ -32,7 +32,7 @@ from rb_dynamics.analysis.track import (
 )
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
-from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE, TOPICS
+from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
@@ -71,14 +71,9 @@ def self_consistency(track: Track) -> list[Check]:
     return [check for check in found if check is not None]
 
 
-def topic_in_log(track: Track, name: str) -> str:
-    """Return what the topic `name` of the scene is called in the log."""
-    return track.bag.metadata.get(TOPICS, {}).get(name, name if name.startswith("/") else f"/{name}")
-
-
 def _topic(track: Track, name: str) -> Topic | None:
     """Return the topic `name` of the scene; None without messages."""
-    found = track.bag.topics.get(topic_in_log(track, name))
+    found = track.bag.topics.get(track.bag.called(name))
     return found if found is not None and found.count else None
 
 
@@ -228,7 +223,7 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         sources.append((name, 0, given, None))
     check, count = "applied wrenches fit the commands", 0
     for name, timeout_ns, expected, since in sources:
-        steps = logged.get(topic_in_log(track, name + APPLIED))
+        steps = logged.get(track.bag.called(name + APPLIED))
         if steps is None:
             continue
         count += len(steps.time_ns)
@@ -358,7 +353,7 @@ class _FitsScene:
         return ""
 
     def _topics(self) -> str:
-        expected = {topic_in_log(self.track, name) for name, *_ in log_topics(self.scene, False)}
+        expected = {self.track.bag.called(name) for name, *_ in log_topics(self.scene, False)}
         lacking = sorted(expected - self.track.bag.topics.keys())
         if not lacking or not self.track.bag.complete:
             return ""
@@ -366,7 +361,7 @@ class _FitsScene:
 
     def _times(self) -> str:
         bag = self.track.bag
-        topics = [bag.topics.get(topic_in_log(self.track, name)) for name, _ in sample_topics(self.scene, False)]
+        topics = [bag.topics.get(self.track.bag.called(name)) for name, _ in sample_topics(self.scene, False)]
         pose, *others = topics
         if pose is None:
             return ""

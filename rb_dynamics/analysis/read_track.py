@@ -43,6 +43,7 @@ from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_nam
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
+from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.stamp_order import Disorder, disorder, standing
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
@@ -727,6 +728,9 @@ class _TrackReader:
                 "--twist-topic choose it all the same."
             )
         named -= {*commands}
+        if RUN in self.bag.metadata and (scene := logged_scene(self.bag.attachments)) is not None:
+            # What a pose sensor of the scene measures is compared, not left out.
+            named -= {self.bag.called(each.name) for each in scene.sensors}
         if others := sorted(named - {*self.uses}):
             self.notes.append(f"One body is inspected; these topics are left out: {', '.join(others)}.")
 

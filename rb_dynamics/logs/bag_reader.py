@@ -18,7 +18,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.channel_metadata import QOS
-from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, loss, next_file
+from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, TOPICS, loss, next_file
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
@@ -96,6 +96,10 @@ class Bag:
         told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
         pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
         return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
+
+    def called(self, name: str) -> str:
+        """Return what the topic `name` of the scene is called in a log of this package."""
+        return self.metadata.get(TOPICS, {}).get(name, name if name.startswith("/") else f"/{name}")
 
     def poses(self, topic: str) -> tuple[Times, Values]:
         """Return stamps (ns) and rows of position (m) and quaternion x, y, z, w; of a type in `POSES`.

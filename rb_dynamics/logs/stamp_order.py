@@ -120,7 +120,7 @@ def _restart(run: Times, newest: Times, late: NDArray[np.bool_]) -> int:
     """
     edges = np.diff(late.astype(np.int8), prepend=0, append=0)
     begins = np.flatnonzero(edges == 1)
-    many = _COMMON * len(begins) >= len(run)
+    many = len(begins) >= _RUN and _COMMON * len(begins) >= len(run)
     usual = _MUCH * float(np.quantile((newest - run)[begins], 0.9)) if many else 0.0
     for first, end in zip(begins.tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
         far = np.flatnonzero((newest - run)[first:end] > usual)

@@ -156,22 +156,24 @@ def _dense_on_numbers(numbers: Numbers, h: float, _: int) -> None:
     write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
 
 
-def _in_closed_form(numbers: Numbers, h: float, _: int) -> None:
-    """Advance by h s in closed form; give NaN if the closed form does not apply."""
-    (inertia, held), phase = constants_at(numbers), phase_at(numbers, CONSTANTS)
-    velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
-    q, omega = phase.orientation, phase.angular_velocity
-    axis = planar_motion.fixed_axis(held, q, omega)
-    if closed_form.is_free(held):
-        step = closed_form.free_step(inertia, held, h, velocity, q, omega)
-    elif axis >= 0:
-        step = planar_motion.advance(inertia, held, h, velocity, q, omega, axis)
-    else:
-        step = NO_INCREMENT
-    if not max(norm(omega), norm(step.angular_velocity)) * h < LARGEST_FREE_TURN:
-        step = NO_INCREMENT
-    high, low = grown(phase.high, phase.low, step, h)
-    write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
+def _in_closed_form(numbers: Numbers, h: float, n: int) -> None:
+    """Advance by n steps of h s in closed form; give NaN if the closed form does not apply."""
+    inertia, held = constants_at(numbers)
+    for _ in range(n):
+        phase = phase_at(numbers, CONSTANTS)
+        velocity = scale(1.0 / inertia.mass, total(phase, MOMENTUM))
+        q, omega = phase.orientation, phase.angular_velocity
+        axis = planar_motion.fixed_axis(held, q, omega)
+        if closed_form.is_free(held):
+            step = closed_form.free_step(inertia, held, h, velocity, q, omega)
+        elif axis >= 0:
+            step = planar_motion.advance(inertia, held, h, velocity, q, omega, axis)
+        else:
+            step = NO_INCREMENT
+        if not max(norm(omega), norm(step.angular_velocity)) * h < LARGEST_FREE_TURN:
+            step = NO_INCREMENT
+        high, low = grown(phase.high, phase.low, step, h)
+        write_phase(numbers, CONSTANTS, PhaseState(step.orientation, step.angular_velocity, high, low))
 
 
 def load_in_plain(load_from: Callable[[Point], Load] | None, high: Sums, low: Sums) -> Load | None:

@@ -111,6 +111,8 @@ def compare(
 
 
 def _is_scene(source: Source) -> bool:
+    if not isinstance(source, (str, os.PathLike, Scene)):
+        raise TypeError(f"a flight is {shown(source)}, expected a path or a Scene; give its file, or read_scene(file)")
     return isinstance(source, Scene) or Path(source).suffix in (".yaml", ".yml")
 
 

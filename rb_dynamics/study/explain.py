@@ -465,8 +465,9 @@ def _closed_form_bounds(scene: Scene, run: Simulation, length: float) -> tuple[f
     return attitude, 4.0 * _EPSILON * far + norm(scene.body.center_of_mass) * attitude
 
 
-# Methods of different families to compare with, in order of preference.
-_FAMILIES = ("taylor", "dop853", "dlm6", "rkmk54", "radau")
+# Methods of different families to compare with, in order of preference; dverk is of that of dop853, but wheels take no
+# other.
+_FAMILIES = ("taylor", "dop853", "dlm6", "rkmk54", "radau", "dverk")
 
 
 def _others(scene: Scene, used: Sequence[str], accuracy: float) -> list[tuple[str, float]]:

@@ -72,6 +72,9 @@ def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
         assert words in told
     uses = {topic.name: topic.use for topic in found.summary.topics}
     assert (uses["/imu"], uses["/jet/command"], uses["/wheels"]) == ("sensor", "command", "wheel speeds")
+    # Of the pose sensor it was said both that it is compared and that it is left out.
+    assert uses["/camera"] == "sensor"
+    assert not any("left out" in note for note in found.summary.notes)
 
 
 def test_motor_work_and_friction_heat_are_in_the_log(tmp_path: Path) -> None:

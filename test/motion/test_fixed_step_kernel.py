@@ -22,6 +22,7 @@ from rb_dynamics.errors import ConvergenceError, MissingExtraError, RigidBodyErr
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Inertia, Method, fixed_step_kernel
 from rb_dynamics.motion.arc import Arc, Stepper
+from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.motion.step_control import FixedStep
 from rb_dynamics.numerics import compilation
@@ -78,6 +79,18 @@ def compare(monkeypatch: pytest.MonkeyPatch, name: str, longest: float, seed: in
         assert found[0] == found[1], k
         ends.append(found[0][0])
     return ends
+
+
+@needs_numba
+def test_several_steps_in_closed_form_are_several(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel took one step, however many were asked for."""
+    for k in range(20):
+        inertia, _, _, phase = case(random.Random(k))
+        found = []
+        for when in ("never", "always"):
+            monkeypatch.setenv("RB_DYNAMICS_COMPILE", when)
+            found.append(end(EXACT, (inertia, HeldWrench(force_world=(1.0, 2.0, 3.0)), 0.05, phase)))
+        assert found[0] == found[1]
 
 
 @needs_numba

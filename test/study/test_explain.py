@@ -53,11 +53,10 @@ def test_every_shipped_scene_can_be_explained(path: Path) -> None:
         assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in listed)
         assert any(kind in item and "not listed" in item for item in found.left_out) == (kind not in listed)
     assert found.trial_s > 0.0
-    # Wheels are moved by one method alone, and a budget may be too short for another: then nothing is said.
+    # The budget may be too short for another method: then nothing is said.
     if found.attitude_error is None:
         assert "attitude error      not known" in found.as_text()
     else:
-        assert not scene.wheels
         assert found.attitude_error >= 0.0
 
 
@@ -155,6 +154,14 @@ def test_where_no_other_method_comes_to_an_end_the_error_is_not_known(monkeypatc
     found = explain(parse_scene(RIGID + "duration: 1\nsolver: {method: rk4, step: 0.1}\n"))
     assert (found.attitude_error, found.position_error) == (None, None)
     assert "attitude error      not known" in found.as_text()
+
+
+def test_a_run_with_wheels_has_an_error_too() -> None:
+    """It was said that no other method could run it."""
+    wheel = "actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.01, speed: 10}]"
+    found = explain(parse_scene(RIGID + f"duration: 1\n{wheel}\n"))
+    assert found.attitude_error is not None
+    assert "dverk" in found.as_text()
 
 
 def test_channels_are_tried_with_the_commands_of_a_bag_or_a_probe() -> None:

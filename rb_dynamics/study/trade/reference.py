@@ -19,8 +19,8 @@ _EPSILON = 2.0**-52
 # From coarse to fine; the finest that a method can meet in the time counts.
 _ACCURACIES = (1e-4, *(10.0**-k for k in range(6, 15)))
 
-# One method of each family, in the order in which they are tried.
-_FAMILIES = ("exact", "taylor", "dop853", "dlm6", "rkmk54", "radau", "midpoint6")
+# One method of each family, in the order in which they are tried; dverk is of that of dop853, but wheels take no other.
+_FAMILIES = ("exact", "taylor", "dop853", "dlm6", "rkmk54", "radau", "midpoint6", "dverk")
 
 
 def find_reference(

@@ -100,7 +100,7 @@ class Reference:
 
     Attributes:
         method: the method that made it, with its setting.
-        check: the method of another family that it was compared with.
+        check: the other method that it was compared with.
         attitude: their difference, at least the effect of rounding, rad.
         rate: the same of the angular velocity, rad/s.
         position: the same of the body origin, m.
