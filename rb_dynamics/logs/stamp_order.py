@@ -46,8 +46,7 @@ class Disorder:
             first = ", first" * (len(self.restarts) > 1)
             parts.append(
                 f"stamps begin again{first} after t = {end:.6g} s at {begin:.6g} s: {runs} runs in one file, which "
-                "cannot be told apart, or a "
-                "clock that was set back"
+                "cannot be told apart, or a clock that was set back"
             )
         if self.odd:
             is_are, most = ("is", "") if self.odd == 1 else ("are", "at most ")

@@ -376,7 +376,7 @@ class OnDemand:
 
 
 class Kernel(OnDemand):
-    """Kernel for fixed steps of one method, or for a step of a closed form."""
+    """Kernel for fixed steps of one method, or for steps in closed form."""
 
     def __init__(self, method: Method, *, effects: bool = False, gradual: bool = False) -> None:
         """Prepare, without compiling. `effects`: for scenes with effects; `gradual`: while there are transients."""
