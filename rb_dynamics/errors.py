@@ -5,7 +5,7 @@ Programming errors must raise Python's own exceptions, with their traceback.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -46,6 +46,14 @@ class MissingExtraError(RigidBodyError):
             f"{purpose} needs the package {package!r}, which is not installed; install the extra {extra!r}: "
             f"pip install 'rb_dynamics[{extra}]', or '.[{extra}]' in the source tree"
         )
+
+
+def did_you_mean(name: object, known: Iterable[str], otherwise: str) -> str:
+    """Return a remedy for an unknown `name`: whether the nearest of `known` was meant, or `otherwise` if none is."""
+    import difflib
+
+    near = difflib.get_close_matches(str(name)[:60], list(known), n=1, cutoff=0.5)
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 @contextmanager

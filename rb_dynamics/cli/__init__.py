@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
 from rb_dynamics.cli.parser import Parser
-from rb_dynamics.errors import RigidBodyError
+from rb_dynamics.errors import RigidBodyError, did_you_mean
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
 
 COMMANDS = (
@@ -155,7 +155,5 @@ def _meant(found: str) -> str:
 
 def _near(found: str, known: Sequence[str]) -> str:
     """Return a question whether the nearest of `known` was meant; "" if none is near."""
-    import difflib
-
-    near = difflib.get_close_matches(found[:60], known, n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    near = did_you_mean(found, known, "")
+    return f" ({near})" if near else ""

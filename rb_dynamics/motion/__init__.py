@@ -5,9 +5,9 @@ A new method is a file with one `Method` and an entry here; in another package i
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 
+from rb_dynamics.errors import did_you_mean
 from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.commutator_free import CF4
 from rb_dynamics.motion.composition import MIDPOINT4, MIDPOINT6
@@ -57,8 +57,7 @@ def remedy(name: object, known: Sequence[str], otherwise: str) -> str:
     text = str(name).lower()[:60]
     if text in REMOVED:
         return f"{text} was removed; take {REMOVED[text]}"
-    near = difflib.get_close_matches(text, known, n=1)
-    return f"did you mean {near[0]}?" if near else otherwise
+    return did_you_mean(text, known, otherwise)
 
 
 __all__ = ["METHODS", "REMOVED", "Increment", "Inertia", "Method", "remedy"]

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rb_dynamics.body.state import State
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import SceneError, did_you_mean
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.logs.messages import sample_depth
@@ -195,8 +195,7 @@ def require_known(name: str) -> None:
     if name in _PARAMETERS or section in ROOT_KEYS:
         return
     known = (*_PARAMETERS, *ROOT_KEYS)
-    near = difflib.get_close_matches(name if "." not in name else section, known, n=1)
-    remedy = f"did you mean {near[0]}?" if near else "check the spelling"
+    remedy = did_you_mean(name if "." not in name else section, known, "check the spelling")
     raise SceneError(
         f"parameter {name}: found an unknown name, expected one of {', '.join(_PARAMETERS)}, use_sim_time, or a dotted "
         f"key of the scene ({', '.join(ROOT_KEYS)}), such as body.mass; {remedy}"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import PluginError, SceneError
+from rb_dynamics.errors import PluginError, SceneError, did_you_mean
 from rb_dynamics.formats.yaml.fields import Field
 from rb_dynamics.formats.yaml.problems import printable
 from rb_dynamics.loads.combined_effects import CombinedEffects
@@ -74,7 +73,6 @@ def _kind_of(entry: Field, kinds: Mapping[str, type[T]], what: str) -> type[T] |
     except PluginError as error:
         named.reject(f"{what} that can be loaded", str(error))
         return None
-    near = difflib.get_close_matches(printable(name), kinds, n=1, cutoff=0.5)
-    remedy = f"did you mean {near[0]}?" if near else "write one of them, or remove the entry"
+    remedy = did_you_mean(printable(name), kinds, "write one of them, or remove the entry")
     named.reject(f"one of {', '.join(kinds)}", remedy)
     return None

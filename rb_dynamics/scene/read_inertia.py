@@ -6,7 +6,6 @@ does the physics; its errors are reported at the key.
 
 from __future__ import annotations
 
-import difflib
 import os
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,7 @@ from rb_dynamics.body.particles import body_of_particles
 from rb_dynamics.body.plausibility import Finding, examine_density, examine_reach, slip_behind
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.body.shapes import SHAPES, Form
-from rb_dynamics.errors import BodyError
+from rb_dynamics.errors import BodyError, did_you_mean
 from rb_dynamics.formats.yaml.document import Node, from_python, show
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import printable
@@ -184,8 +183,7 @@ def _shape_form(form: Field) -> tuple[str, Form | None]:
         return "", None
     field = Field(value["type"], f"{form.key}.type", form.problems)
     text = field.node.value if isinstance(field.node.value, str) else ""
-    near = difflib.get_close_matches(text.lower()[:60], SHAPES, n=1)
-    remedy = f"did you mean {near[0]}?" if near else "choose one of them, or give a mesh"
+    remedy = did_you_mean(text.lower(), SHAPES, "choose one of them, or give a mesh")
     kind = field.text(f"one of {', '.join(SHAPES)}", SHAPES.__contains__, remedy, "")
     return kind, SHAPES.get(kind)
 

@@ -6,7 +6,6 @@ Each row has a time. An empty cell was not measured at that time, so each sensor
 from __future__ import annotations
 
 import csv
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,7 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array, Times, unit_rows
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, did_you_mean
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.number_parsing import real_number, time_in_ns
@@ -178,8 +177,7 @@ def _places(path: str, names: Sequence[str], columns: dict[str, Sequence[str]]) 
     for quantity, given in columns.items():
         usual = QUANTITIES.get(quantity)
         if usual is None:
-            near = difflib.get_close_matches(quantity, QUANTITIES, n=1)
-            mend = f"did you mean {near[0]}?" if near else "write one of them"
+            mend = did_you_mean(quantity, QUANTITIES, "write one of them")
             raise LogError(f"columns: found {quantity!r}, expected some of {', '.join(QUANTITIES)}; {mend}")
         if isinstance(given, str) or len(given) != len(usual):
             raise LogError(

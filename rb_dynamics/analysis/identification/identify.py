@@ -34,7 +34,7 @@ from rb_dynamics.analysis.identification.stacked_rows import covariance_of, info
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import LogError, SceneError
+from rb_dynamics.errors import LogError, SceneError, did_you_mean
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import QuadraticDrag
@@ -484,12 +484,9 @@ def _flight(
 
 
 def _require_names(names: Sequence[str], scene: Scene) -> None:
-    import difflib
-
     for name in names:
         if name not in GROUPS and not str(name).startswith("effects["):
-            near = difflib.get_close_matches(str(name), GROUPS, n=1)
-            mend = f"did you mean {near[0]}?" if near else "write one of them"
+            mend = did_you_mean(name, GROUPS, "write one of them")
             raise SceneError(
                 f"{scene.source}: fit: found {shown(name)} to be fitted, expected {', '.join(GROUPS)} or a number of "
                 f"an effect as effects[0].rotation; {mend}"

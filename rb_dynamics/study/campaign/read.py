@@ -5,7 +5,6 @@ Nothing is guessed: an error names file, line, key, value, what was expected and
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 import re
@@ -13,7 +12,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import SceneError, did_you_mean
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
@@ -169,8 +168,7 @@ def _sampling(field: Field | None) -> str:
     if field is None:
         return "random"
     text = field.node.value if isinstance(field.node.value, str) else ""
-    near = difflib.get_close_matches(text[:60], SAMPLINGS, n=1)
-    remedy = f"did you mean {near[0]}?" if near else "write one of them"
+    remedy = did_you_mean(text, SAMPLINGS, "write one of them")
     return field.text(f"one of {', '.join(SAMPLINGS)}", SAMPLINGS.__contains__, remedy, "random")
 
 
@@ -267,8 +265,7 @@ def _noise_lines(control: Control) -> str:
 def _name(field: Field, known: Sequence[str]) -> str:
     """Return a known name, or one with a dot, which is looked up later."""
     text = field.node.value if isinstance(field.node.value, str) else ""
-    near = difflib.get_close_matches(text[:60], known, n=1)
-    remedy = f"did you mean {near[0]}?" if near else "write one of them, or the dotted name of a function of your own"
+    remedy = did_you_mean(text, known, "write one of them, or the dotted name of a function of your own")
     expected = f"one of {', '.join(known)}, or module.function"
     dotted = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
     return field.text(expected, lambda value: value in known or dotted.fullmatch(value) is not None, remedy, known[0])
