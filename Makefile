@@ -103,7 +103,7 @@ $(VENV)/created:
 # Ignore the warning of setuptools about editable installs.
 INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot,interactive,fast
-EXTRAS_test := $(EXTRAS_demo),scale,test,dev,docs
+EXTRAS_test := $(EXTRAS_demo),scale,igrf,test,dev,docs
 EXTRAS_docs := docs
 
 # Peers are installed one by one, since not all have wheels for every machine.

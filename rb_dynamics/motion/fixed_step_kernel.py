@@ -197,6 +197,7 @@ class Tally:
     Attributes:
         used: the kernels that were there or have been compiled.
         built: time (s) to compile or load each kernel, by name.
+        lacking: names of the kernels that would have taken many steps, but are not compiled yet.
     """
 
     def __init__(
@@ -220,6 +221,7 @@ class Tally:
             none: use no kernel, even from the cache.
         """
         self.used: set[OnDemand] = set()
+        self.lacking: set[str] = set()
         self.built = {} if built is None else built
         self.clock, self.compiling = clock, compiling
         self.missing, self.none, self._scale = missing, none, scale
@@ -318,6 +320,7 @@ class OnDemand:
             ):
                 self.build(tally)
                 tally.used.add(self)
+                tally.lacking.discard(self.name)
         except (ImportError, OSError, RuntimeError) as error:
             if when == "always" and self._required:
                 raise
@@ -350,7 +353,10 @@ class OnDemand:
                 if reason := failure_of(self.name):
                     self._give_up(reason)
                 return False
-        return tally.missing != "plain" and steps >= MANY
+        due = tally.missing != "plain" and steps >= MANY
+        if steps >= FEW and not due and not self.order:
+            tally.lacking.add(self.name)
+        return due
 
     def _give_up(self, reason: str) -> None:
         self._given_up = True

@@ -276,7 +276,7 @@ class Plan:
             return "in closed form"
         if solver.step is not None:
             return f"step {solver.step!r} s"
-        return f"steps for an accuracy of {self._accuracy!r} after {self._length!r} s"
+        return f"steps chosen to keep the error below {self._accuracy!r} for {self._length!r} s"
 
 
 def control_of(scene: Scene, method: Method, start: Vector, horizon: float) -> StepControl:

@@ -94,7 +94,7 @@ class Explanation:
             writing a log, and without compiling and loading kernels.
         bare_cost_per_s: the same without outputs, if only the end is needed; either is NaN where the budget allowed
             too few steps to estimate it.
-        compiled: whether kernels took some of the steps.
+        compiled: whether kernels took the steps.
         attitude_error: after `error_s`, rad; the difference from a run by another method, or the bound of the closed
             form; None if unknown.
         position_error: the same, m.
@@ -201,7 +201,13 @@ def explain(
         + command_remarks(((topic, command.stamp_ns) for topic, command in given), fastest)
     )
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
-    is_compiled = bool(tally.used)
+    lacking = bare_tally.lacking | tally.lacking
+    is_compiled = bool(tally.used) and not lacking
+    if lacking:
+        remarks.append(
+            f"the cost is {'in part ' if tally.used else ''}that of plain Python, as kernels are not compiled yet; with "
+            f"them later runs take less: rb-dynamics compile {' '.join(sorted(lacking))}"
+        )
     # Outputs do not change the motion; without them the run covers more in the same time.
     with counted_by(bare_tally):
         attitude, position, error_s, basis = _errors(without_outputs(scene), commands, bare, length, budget, stopwatch)

@@ -358,6 +358,21 @@ def test_the_cost_is_that_of_the_whole_run(duration: str, worth_it: bool, monkey
     assert ("moved by            rk4, compiled" in found.as_text()) is worth_it
 
 
+@needs_numba
+def test_a_cost_without_kernels_is_not_called_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Six thousand steps in plain Python were, where another kernel was there, and nothing said that it passes."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
+    scene = parse_scene(RIGID + "duration: 60\nsolver: {method: rk4, step: 0.01}\noutput_rate: 1")
+
+    found = explain(scene, budget=0.2)
+
+    assert not found.compiled
+    (remark,) = [remark for remark in found.remarks if "plain Python" in remark]
+    assert remark.startswith("the cost is that of plain Python, as kernels are not compiled yet")
+    assert "_run_on_numbers_rk4" in remark
+
+
 def test_json_has_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", str(ROOT / "config" / "boxes.yaml"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
