@@ -205,8 +205,8 @@ def explain(
     is_compiled = bool(tally.used) and not lacking
     if lacking:
         remarks.append(
-            f"the cost is {'in part ' if tally.used else ''}that of plain Python, as kernels are not compiled yet; with "
-            f"them later runs take less: rb-dynamics compile {' '.join(sorted(lacking))}"
+            f"the cost is {'in part ' if tally.used else ''}that of plain Python, as kernels are not compiled yet; "
+            f"with them later runs take less: rb-dynamics compile {' '.join(sorted(lacking))}"
         )
     # Outputs do not change the motion; without them the run covers more in the same time.
     with counted_by(bare_tally):
