@@ -38,3 +38,21 @@ def test_ratios_are_those_of_each_turn(script: Callable[[str], ModuleType]) -> N
         ("`replay` of the log", "4.00 s", "2.0"),
         ("one", "3.00 s", "1.5"),
     ]
+
+
+def test_goals_are_met_or_missed(script: Callable[[str], ModuleType]) -> None:
+    whole_runs = script("whole_runs")
+    found = {whole_runs.PLAIN: [1.0], whole_runs.LOGGED: [3.0], whole_runs.SHOWN: [9.0], whole_runs.REPLAYED: [6.0]}
+    long = [("360 s, 1 output a second", "", "9,000", ""), ("3600 s, 1 output a second", "", "2,999", "")]
+    logs = [("MCAP", "", "1,500,000 messages/s"), ("Rerun", "", "4,999,999 rows/s")]
+
+    assert [row[1:] for row in whole_runs.goals(found, {"heyoka": 0.5}, long, logs)] == [
+        ("<= 1", "2.0", "**missed**"),
+        ("<= 4", "3.0", "met"),
+        ("<= 8", "9.0", "**missed**"),
+        ("<= 2", "2.0", "met"),
+        (">= 3,000", "2,999", "**missed**"),
+        (">= 1,500,000", "1,500,000", "met"),
+        (">= 5,000,000", "4,999,999", "**missed**"),
+    ]
+    assert len(whole_runs.goals(found, {}, long, logs)) == 6
