@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rb_dynamics.analysis.track import Track
+from rb_dynamics.analysis.gaps import after_gaps
+from rb_dynamics.analysis.track import Array, Times, Track
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.stamp_order import standing
 
@@ -70,9 +71,9 @@ def clock(topic: Topic) -> Clock:
     scatter = float(np.median([np.median(np.abs(piece - m)) for piece, m in zip(pieces, middle, strict=True)]))
     if np.ptp(middle) <= max(_UNDER_WAY, _ABOVE_NOISE * scatter):
         return Clock(topic.name, True, whole)
-    at = np.array([np.median(piece) for piece in np.array_split((stamps - stamps[0]) * 1e-9, count)])
-    drift, level = np.polyfit(at, middle, 1) if np.ptp(at) > 0.0 else (0.0, middle[0])
-    straight = np.ptp(middle - level - drift * at) <= _STRAIGHT * np.ptp(middle)
+    # A clock that was set leaves a hole in its own times, over which a line leads; not in those of the other.
+    (drift, left), (_, beside) = (_line(times, middle) for times in (stamps, logged))
+    straight = max(left, beside) <= _STRAIGHT * np.ptp(middle)
     steps = np.diff(offset)
     largest = int(np.abs(steps).argmax())
     return Clock(
@@ -80,10 +81,33 @@ def clock(topic: Topic) -> Clock:
         stamped=True,
         offset_s=whole,
         range_s=float(np.ptp(middle)),
-        drift=float(drift) if straight else None,
+        drift=drift if straight else None,
         jump_s=float(steps[largest]),
         jump_ns=int(stamps[largest]),
     )
+
+
+def _line(time_ns: Times, middle: Array) -> tuple[float, float]:
+    """Return the slope of the line through the medians of pieces, per s, and the range of what it leaves."""
+    at = np.array([np.median(piece) for piece in np.array_split((time_ns - time_ns[0]) * 1e-9, len(middle))])
+    slope, level = np.polyfit(at, middle, 1) if np.ptp(at) > 0.0 else (0.0, middle[0])
+    return float(slope), float(np.ptp(middle - level - slope * at))
+
+
+def leaps(topic: Topic) -> list[tuple[int, float]]:
+    """Return the last stamp before each leap of the clock that stamps a topic, ns, and its size, s.
+
+    It leaves a gap of the stamps, not of the log times, and the two differ by as much less from then on.
+    """
+    if not topic.count or not topic.stamps_given:
+        return []
+    stamps, offset = topic.stamps, (topic.log_times - topic.stamps) * 1e-9
+    by = -np.diff(offset)
+    at = after_gaps(stamps) - 1
+    at = at[by[at] > np.maximum(_UNDER_WAY, 0.5e-9 * np.diff(stamps)[at])]
+    levels = [float(np.median(part)) for part in np.split(offset, at + 1)]
+    lasting = -np.diff(levels) > 0.5 * by[at]
+    return list(zip(stamps[at[lasting]].tolist(), by[at[lasting]].tolist(), strict=True))
 
 
 def log_time_of_zero(track: Track) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from bag_rows import add
 from tumbling import TWIST, bag_of, fill, in_world, spin, summary_of
 
-from rb_dynamics.analysis.clocks import remarks
+from rb_dynamics.analysis.clocks import leaps, remarks
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.topic_messages import Topic
@@ -31,6 +32,29 @@ def test_a_clock_that_drifts_is_told() -> None:
 def test_a_clock_that_was_set_is_told_with_time_and_size() -> None:
     told = remarks(read_track(bag_of(spin(), logged_later_ns=later(np.where(np.arange(COUNT) < 600, 0.01, 3.21)))))
     assert any("/b/twist do not run alike" in each and "+3.2 s at once at t = 5.99 s" in each for each in told)
+
+
+@pytest.mark.parametrize("by_s", [2.0, 60.0])
+def test_a_clock_that_was_set_forward_leaves_a_hole_and_does_not_drift(by_s: float) -> None:
+    """A line leads over a hole that is as long as the leap: it was called a drift of 85 %."""
+    leapt = (np.arange(COUNT) >= 600) * round(by_s * SECOND)
+    motion = replace(spin(), time_ns=spin().time_ns + leapt)
+    track = read_track(bag_of(motion, logged_later_ns=10_000_000 - leapt))
+    assert any(f"by {-by_s:+.3g} s at once at t = 5.99 s" in each for each in remarks(track))
+    ((at, by),) = leaps(track.bag.topics["/b/pose"])
+    assert at == spin().time_ns[599]
+    assert by == pytest.approx(by_s, rel=1e-6)
+
+
+def test_messages_that_wait_or_are_lost_are_no_leap_of_a_clock() -> None:
+    """A queue that is full drops what comes then, and is emptied at once."""
+    times = spin().time_ns
+    kept = np.delete(np.arange(COUNT), slice(500, 700))
+    waiting = np.where((kept >= 300) & (kept < 700), times[700] - times[kept], 0)
+    motion = spin().taken(kept)
+    for later_ns in (waiting, 0 * waiting):
+        track = read_track(bag_of(motion, logged_later_ns=later_ns + 10_000_000))
+        assert leaps(track.bag.topics["/b/pose"]) == []
 
 
 @pytest.mark.parametrize("apart_s", [0.0, 1.7e9])

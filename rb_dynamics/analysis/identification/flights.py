@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
+from rb_dynamics.analysis.clocks import APART, leaps
 from rb_dynamics.analysis.gaps import NAMED, holes, listed
 from rb_dynamics.analysis.pose_twist_consistency import agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
@@ -90,6 +91,7 @@ class Flight:
         channels: what acted.
         notes: remarks for the user on how it was read.
         moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
+        set_ns: when the clock was set forward, likewise: the last stamp before.
     """
 
     name: str
@@ -97,6 +99,7 @@ class Flight:
     channels: tuple[WrenchSeries, ...] = ()
     notes: tuple[str, ...] = ()
     moved_ns: tuple[int, ...] = ()
+    set_ns: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -112,15 +115,15 @@ class Flight:
             )
 
     def pieces(self) -> list[Flight]:
-        """Return what was measured before, between and after moves to another state and holes: none is led across.
+        """Return what was measured before, between and after moves, leaps of the clock and holes: none is led across.
 
         Raises:
             LogError: no sensor measured on both sides of a hole.
         """
         first, last = self.span_ns
-        moves = [each for each in self.moved_ns if first <= each < last]
-        breaks = self._holes()
-        edges = [first, *sorted({each + 1 for each in (*moves, *(begin for begin, _ in breaks))}), last + 1]
+        moves, leapt = ([each for each in some if first <= each < last] for some in (self.moved_ns, self.set_ns))
+        breaks = [each for each in self._holes() if each[0] not in leapt]
+        edges = [first, *sorted({each + 1 for each in (*moves, *leapt, *(begin for begin, _ in breaks))}), last + 1]
         if len(edges) == 2:
             return [self]
         notes = []
@@ -129,6 +132,12 @@ class Flight:
             notes.append(
                 f"the body was moved to another state (set_state) at {at} s: each piece is fitted from a start of its "
                 "own"
+            )
+        if leapt:
+            at = ", ".join(f"{each * 1e-9:.6g}" for each in leapt)
+            notes.append(
+                f"by the log times, the clock of the stamps was set forward at {at} s: each piece is fitted from a "
+                "start of its own"
             )
         if breaks:
             each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in breaks[:NAMED]], len(breaks))
@@ -142,7 +151,8 @@ class Flight:
             if any(np.diff(np.searchsorted(stream.time_ns, span))[0] >= _FEWEST for stream in self.streams)
         ]
         return [
-            replace(piece, moved_ns=(), notes=() if k else (*self.notes, *notes)) for k, piece in enumerate(pieces)
+            replace(piece, moved_ns=(), set_ns=(), notes=() if k else (*self.notes, *notes))
+            for k, piece in enumerate(pieces)
         ] or [self]
 
     def _holes(self) -> list[tuple[int, int]]:
@@ -321,7 +331,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     track = read_track(bag, None if own else scene, None if own else mine)
-    if any(series.hangs for series in track.motion):
+    if any(series.hangs or (series.disorder and series.disorder.restarts) for series in track.motion):
         raise LogError(
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
         )
@@ -336,8 +346,36 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
     )
     moved = tuple((track.moved_ns - zero).tolist())
-    found = Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])), moved)
+    found = Flight(
+        path,
+        tuple(streams),
+        tuple(channels),
+        (*notes, *([] if channels else [NO_WRENCH])),
+        moved,
+        () if own else _set_forward(track, zero),
+    )
     return found if own else found.between_commands()
+
+
+def _set_forward(track: Track, zero: int) -> tuple[int, ...]:
+    """Return when the clock of the stamps was set forward, by the log times, from `zero`: the last stamps before.
+
+    Raises:
+        LogError: that of another topic was not.
+    """
+    found = {name: leaps(track.bag.topics[name]) for name in dict.fromkeys(each.topic for each in track.motion)}
+    one, *others = found.values()
+    for other in others:
+        if len(one) != len(other) or any(abs(a - b) > APART for (_, a), (_, b) in zip(one, other, strict=True)):
+            told = "; ".join(
+                f"{name} {' and '.join(f'by {by:.6g} s at {(at - zero) * 1e-9:.6g} s' for at, by in each) or 'never'}"
+                for name, each in found.items()
+            )
+            raise LogError(
+                f"{track.bag.path}: by the log times, clocks of the stamps were set forward at different times: {told}; "
+                "expected sensors of one clock; cut the recording to before that, with convert --to"
+            )
+    return tuple(max(at for at, _ in each) - zero for each in zip(*found.values(), strict=True))
 
 
 def with_points(flight: Flight, bag: Bag, scene: Scene) -> Flight:

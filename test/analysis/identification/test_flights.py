@@ -13,6 +13,7 @@ import pytest
 from bag_rows import STAMPED, add, stamped, write_rows
 from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
+from tumbling import bag_of, spin
 
 from rb_dynamics import (
     Channel,
@@ -329,3 +330,33 @@ def test_sensors_of_two_clocks_are_refused() -> None:
     apart = replace(made, streams=(replace(rates, time_ns=rates.time_ns + 10**18), attitude))
     with pytest.raises(LogError, match="no sensor measured both before and after"):
         apart.pieces()
+
+
+def leapt(by_s: float, twist_by_s: float) -> Bag:
+    """Return a bag whose stamps leap after 6 s while the log goes on, those of the twist by another time."""
+    pose, twist = ((np.arange(1000) >= 600) * round(by * 1e9) for by in (by_s, twist_by_s))
+    bags = [bag_of(replace(spin(), time_ns=spin().time_ns + by), logged_later_ns=-by) for by in (pose, twist)]
+    topics = {name: bag.topics[name] for name, bag in zip(("/b/pose", "/b/twist"), bags, strict=True)}
+    return replace(bags[0], topics=topics)
+
+
+@pytest.mark.parametrize("by_s", [0.6, 2.0, 60.0])
+def test_a_clock_that_was_set_forward_begins_another_piece(by_s: float) -> None:
+    """A fit across looked for minutes for a motion that leads over the time that never was."""
+    scene = guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
+    first, second = flight_of(leapt(by_s, by_s), scene).pieces()
+    assert [piece.seconds for piece in (first, second)] == pytest.approx([5.99, 3.99])
+    assert any("the clock of the stamps was set forward at 5.99 s: each piece" in note for note in first.notes)
+    assert not any("nothing was measured" in note for note in first.notes)
+
+
+@pytest.mark.parametrize(
+    ("by", "words"),
+    [
+        ((-2.0, -2.0), "stamps begin again after t = 5.99 s at 4 s: two runs .*, or a clock that was set back; .*; cut it"),
+        ((2.0, 0.0), "/b/pose by 2 s at 5.99 s; /b/twist never; expected sensors of one clock; cut"),
+    ],
+)
+def test_a_clock_that_was_set_back_or_of_one_sensor_alone_is_refused(by: tuple[float, float], words: str) -> None:
+    with pytest.raises(LogError, match=words):
+        flight_of(leapt(*by), guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
