@@ -2,7 +2,7 @@
 
 Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
 attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
-opposite sign, degrees and other quaternions are tried as explanations. A lag, a factor and turned axes are estimated
+opposite sign, other units and other quaternions are tried as explanations. A lag, a factor and turned axes are estimated
 (`twist_calibration.py`).
 """
 
@@ -51,7 +51,7 @@ RARE = "as interpolation between samples as rare as these may"
 
 
 _AS_IS = (1, 2, 3)
-_DEGREE = np.pi / 180.0
+_DEGREE, _MILLIMETRE = np.pi / 180.0, 1e-3
 # What programs write for x, y, z, w of body to world: from 1 on, with sign.
 _QUATERNIONS = {
     "": (1, 2, 3, 4),
@@ -91,6 +91,8 @@ class TwistReading:
         parts += ["with the opposite sign"] if self.factor < 0.0 else []
         parts += ["in degrees per second"] if abs(self.factor) == _DEGREE else []
         parts += ["multiplied by 180/π, as if converted twice"] if self.factor == 1.0 / _DEGREE else []
+        parts += ["in millimetres per second"] if self.factor == _MILLIMETRE else []
+        parts += ["with positions in millimetres"] if self.factor == 1.0 / _MILLIMETRE else []
         parts += [self.attitude] if self.attitude else []
         if self.axes != _AS_IS:
             named = ["-" * (axis < 0) + "xyz"[abs(axis) - 1] for axis in self.axes]
@@ -201,7 +203,8 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     # Other axes with the opposite sign look the same as inverted attitudes, which are what occurs in practice.
     turns.remove(TwistReading(not given.world, -1.0))
     turns += [replace(given, attitude=attitude) for attitude in _QUATERNIONS if attitude]
-    moves = [TwistReading(w, f) for f in (1.0, -1.0) for w in (given.world, not given.world)]
+    lengths = (1.0, -1.0, _MILLIMETRE, 1.0 / _MILLIMETRE)
+    moves = [TwistReading(w, f) for f in lengths for w in (given.world, not given.world)]
     far = float((sizes_of(both.twist[:, 3:]) > _AROUND).mean()) > 0.5
     if float((sizes_of(both.turned) > _FARTHEST).mean()) > 0.5:
         reason = f"between two poses the body turns by more than {_FARTHEST:g} rad"

@@ -95,7 +95,7 @@ def read_csv_flight(
     kept, notes = without_strays(times[seen]), list[str]()
     zero, end = (int(each) for each in times[seen][kept][[0, -1]])
     if far := int(((times < zero) | (times > end))[seen].sum()):
-        notes.append(f"{path}: {far} of {int(seen.sum())} times are far from all the others, and are left out")
+        notes.append(f"{far} of {int(seen.sum())} times are far from all the others, and are left out")
     streams = []
     for quantity in moving:
         rows = measured[quantity] & (times >= zero) & (times <= end)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_c
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps
 from rb_dynamics.analysis.gaps import NAMED, holes, listed
-from rb_dynamics.analysis.pose_twist_consistency import agreements_of
+from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
@@ -186,7 +186,7 @@ class Flight:
         What is recorded again would make errors look smaller; of a coarse clock the first is nearest to its time.
         """
         again = [np.append(False, np.diff(stream.time_ns) == 0) for stream in self.streams]
-        return self._without_samples(again, "of the one before, and are left out", f"{self.name}: ")
+        return self._without_samples(again, "of the one before, and are left out")
 
     def between_commands(self) -> Flight:
         """Return the same without samples of accelerometers at the very time at which a command begins to act.
@@ -198,10 +198,10 @@ class Flight:
         why = "whether they show what acted before or after it is not known, and they are left out"
         return self._without_samples(at, f"of a command: {why}")
 
-    def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str, name: str = "") -> Flight:
+    def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str) -> Flight:
         """Return the same without the samples `marked` in each stream, with a note: they have the time `why`."""
         told = tuple(
-            f"{name}{int(rows.sum())} of {len(rows)} samples of {stream.topic} {stream.kind} have the time {why}"
+            f"{int(rows.sum())} of {len(rows)} samples of {stream.topic} {stream.kind} have the time {why}"
             for stream, rows in zip(self.streams, marked, strict=True)
             if rows.any()
         )
@@ -240,34 +240,49 @@ class Flight:
             )
 
     def require_agreement(self) -> Flight:
-        """Return the same, with a note where rates and attitudes differ by more than sensors do.
+        """Return the same, with a note where pose and twist differ by more than sensors do.
 
         Raises:
             LogError: they contradict each other, and another convention explains that, or the attitudes are none.
         """
         notes = []
-        turns = [stream for stream in self.streams if stream.kind == ATTITUDE]
-        for rates, attitude in itertools.product((s for s in self.streams if s.kind == RATES), turns):
-            said, values = f"rates of {rates.topic} and attitudes of {attitude.topic}", rates.values @ rates.mount
-            pose = TimeSeries(attitude.topic, attitude.time_ns, np.hstack([_blank(attitude), attitude.values]))
-            twist = TimeSeries(rates.topic, rates.time_ns, np.hstack([_blank(rates), values]))
-            for found in agreements_of(pose, twist, rates.world):
-                if found.remedy:
-                    raise LogError(
-                        f"{self.name}: {said} contradict each other by {100.0 * (found.error or 0.0):.3g} %, expected "
-                        f"the same turn of both: read {found.remedy} the rates fit to {100.0 * found.remaining:.2g} %; "
-                        "convert what is otherwise than was said, or name other columns or frames"
-                    )
-                if found.leaps:
-                    raise LogError(
-                        f"{self.name}: {said} contradict each other: {found.leaps}, expected attitudes of one body; "
-                        "write quaternions from angles in radians, or leave them out"
-                    )
-                if found.contradicts and found.error is not None:
-                    notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %: no fit follows both")
-                elif found.aligned.lag_s and found.aligned.large:
-                    notes.append(f"{said} are not of the same time: {found.aligned.words}; fit delay")
+        for said, found in self._agreements():
+            if found.remedy:
+                raise LogError(
+                    f"{self.name}: {said} contradict each other by {100.0 * (found.error or 0.0):.3g} %, expected the "
+                    f"same motion of both: read {found.remedy} they fit to {100.0 * found.remaining:.2g} %; convert "
+                    "what is otherwise than was said, or name other columns or frames"
+                )
+            if found.leaps:
+                raise LogError(
+                    f"{self.name}: {said} contradict each other: {found.leaps}, expected attitudes of one body; write "
+                    "quaternions from angles in radians, or leave them out"
+                )
+            aligned = found.aligned
+            if aligned.large and aligned.lag_s and not (aligned.scale or aligned.turn):
+                notes.append(f"{said} are not of the same time: {aligned.words}; fit delay")
+            elif found.contradicts and found.error is not None:
+                words = f" ({found.words})" if found.words else ""
+                notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %{words}: no fit follows both")
         return replace(self, notes=(*self.notes, *notes)) if notes else self
+
+    def _agreements(self) -> Iterator[tuple[str, Agreement]]:
+        """Yield how rates agree with attitudes, and velocities with positions that have an attitude, and of which."""
+        by_kind = {kind: [stream for stream in self.streams if stream.kind == kind] for kind in UNITS}
+        for rates, attitude in itertools.product(by_kind[RATES], by_kind[ATTITUDE]):
+            pose = np.hstack([_blank(attitude), attitude.values])
+            twist = np.hstack([_blank(rates), rates.values @ rates.mount])
+            said = f"rates of {rates.topic} and attitudes of {attitude.topic}"
+            yield from ((said, each) for each in _agreements_of(attitude, pose, rates, twist))
+        for velocity, position in itertools.product(by_kind[VELOCITY], by_kind[POSITION]):
+            beside = (each for each in by_kind[ATTITUDE] if np.array_equal(each.time_ns, position.time_ns))
+            if (attitude := next(beside, None)) is None:
+                continue
+            pose = np.hstack([position.values, attitude.values])
+            twist = np.hstack([velocity.values, np.zeros_like(velocity.values)])
+            said = f"velocities of {velocity.topic} and positions of {position.topic}"
+            every = _agreements_of(position, pose, velocity, twist)
+            yield from ((said, each) for each in every if each.of == "position")
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -306,6 +321,11 @@ def usual_interval(time_ns: Times) -> float:
     """Return the median interval, ns, of those that are not 0: stamps may be coarser than samples."""
     steps = np.diff(time_ns)
     return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+
+
+def _agreements_of(of_pose: Stream, pose: Array, of_twist: Stream, twist: Array) -> tuple[Agreement, ...]:
+    one, other = TimeSeries(of_pose.topic, of_pose.time_ns, pose), TimeSeries(of_twist.topic, of_twist.time_ns, twist)
+    return agreements_of(one, other, of_twist.world)
 
 
 def _blank(stream: Stream) -> Array:

@@ -13,7 +13,7 @@ import pytest
 from bag_rows import STAMPED, add, stamped, write_rows
 from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
-from tumbling import bag_of, spin
+from tumbling import SPIN_AXIS, bag_of, failing, spin
 
 from rb_dynamics import (
     Channel,
@@ -32,6 +32,7 @@ from rb_dynamics import (
 from rb_dynamics.analysis.identification.flights import (
     ACCELERATION,
     ATTITUDE,
+    NO_WRENCH,
     POSITION,
     RATES,
     VELOCITY,
@@ -45,6 +46,7 @@ from rb_dynamics.analysis.summary import EXPLAINS, summarize
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -288,6 +290,37 @@ def test_rates_and_attitudes_of_two_conventions_are_refused_by_name(wrong: str) 
     assert flight.require_agreement() is flight
     with pytest.raises(LogError, match=re.escape(f"read {words}")):
         replace(flight, streams=streams).require_agreement()
+
+
+@pytest.mark.parametrize(
+    ("of_pose", "of_twist", "words"),
+    [
+        (1e3, 1.0, "with positions in millimetres"),
+        (1.0, 1e3, "in millimetres per second"),
+        (1.0, -1.0, "with the opposite sign"),
+    ],
+)
+def test_positions_and_velocities_of_two_units_are_refused_by_name(of_pose: float, of_twist: float, words: str) -> None:
+    """As inspect names them; a fit looked for a motion that follows both."""
+    motion, scene = spin(noise=1e-4), guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
+    twist = np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+    assert flight_of(bag_of(motion), scene).require_agreement().notes == (NO_WRENCH,)
+    twist[:, :3] *= of_twist
+    bag = bag_of(replace(motion, position=of_pose * motion.position), twist_rows=twist)
+    with pytest.raises(LogError, match=f"velocities of /b/twist and positions of /b/pose .* read {words} they fit"):
+        flight_of(bag, scene).require_agreement()
+    assert words in failing(bag)["linear velocity fits the position"]
+
+
+def test_a_sensor_that_is_late_is_named_with_what_to_fit() -> None:
+    motion = spin(rate=0.5, speed=1.0)
+    turning = replace(motion, rate=motion.rate * (1.0 + np.sin(3e-9 * motion.time_ns))[:, None])
+    angle = 0.5e-9 * motion.time_ns + 0.5 * (1.0 - np.cos(3e-9 * motion.time_ns)) / 3.0
+    half = 0.5 * angle[:, None]
+    turning.orientation_xyzw = np.hstack([np.sin(half) * SPIN_AXIS, np.cos(half)])
+    bag = bag_of(turning, twist=turning.moved(80_000_000))
+    found = flight_of(bag, guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))).require_agreement()
+    assert any("are not of the same time: the twist lags behind the pose by 80" in note for note in found.notes)
 
 
 def test_an_accelerometer_at_the_time_of_a_command_shows_which_force_is_not_known() -> None:
