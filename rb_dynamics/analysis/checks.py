@@ -65,9 +65,9 @@ def checks(
         if steps.disorder is not None and steps.disorder.restarts
     ]
     done += [
-        Check(f"{steps.topic} is whole", False, f"{steps.standing}: when each wrench acted is not known")
+        Check(f"{steps.topic} is whole", False, "; ".join(faults))
         for steps in track.wrenches
-        if steps.standing
+        if (faults := steps.faults(track.zero_ns))
     ]
     leaps = next((each.leaps for each in agreed if each.leaps), None)
     done += [_continuous(track, steady, leaps)] if steady is not None else []

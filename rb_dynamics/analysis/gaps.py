@@ -88,6 +88,13 @@ def without_strays(time_ns: Times) -> slice:
     return slice(begin, len(time_ns) - few + int(late[0]) if len(late) else len(time_ns))
 
 
+def strays(time_ns: Times) -> Times:
+    """Return the stamps that `without_strays` leaves out of some in any order, ascending."""
+    ascending = time_ns if (time_ns[1:] >= time_ns[:-1]).all() else np.sort(time_ns)
+    near = without_strays(ascending)
+    return np.concatenate([ascending[: near.start], ascending[near.stop :]])
+
+
 def holes(times: Sequence[Times], rate: float, bridged: float = 0.0) -> list[tuple[int, int]]:
     """Return begin and end of each hole between the samples of several sensors, in which a motion is not followed.
 

@@ -2,7 +2,7 @@
 
 Over windows of a second or more, the integral of the angular velocity in world axes is compared with the change of the
 attitude, and that of the velocity with the change of the position. If they contradict each other, other axes, the
-opposite sign, other units and other quaternions are tried as explanations. A lag, a factor and turned axes are estimated
+opposite sign, other units and quaternions are tried as explanations. A lag, a factor and turned axes are estimated
 (`twist_calibration.py`).
 """
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
-from rb_dynamics.analysis.gaps import without_strays
+from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -313,11 +313,11 @@ class _TrackReader:
         """Return the series of a topic; of an Odometry as twist with its child frame."""
         self.parent = self.parent or topic.rpartition("/")[0] + "/"
         child = use == "twist" and self.bag.topics[topic].type_name == ODOMETRY
-        frame, strays, kept = self._main_frame(self.bag.topics[topic], child)
+        frame, others, kept = self._main_frame(self.bag.topics[topic], child)
         time_ns, values = read(topic)
-        if strays:
+        if others:
             time_ns, values = time_ns[kept], values[kept]
-        series = replace(self._cleaned(use, topic, time_ns, values, frame), strays=strays)
+        series = replace(self._cleaned(use, topic, time_ns, values, frame), strays=others)
         if self.bag.topics[topic].type_name in IMUS:
             return series
         if use == "pose":
@@ -442,10 +442,13 @@ class _TrackReader:
         self.parent = self.parent or "/"
         self.notes.append(f"The pose is that of {body} in {world}, from {', '.join(found.topics)}.")
         fastest = max(found.topics, key=lambda name: self.bag.topics[name].count)
-        strays: dict[str, int] = {}
+        others: dict[str, int] = {}
         for name in found.topics:
-            strays |= self._main_frame(self.bag.topics[name], child=False)[1]
-        series = TimeSeries(fastest, found.time_ns, found.values, world, strays=strays)
+            others |= self._main_frame(self.bag.topics[name], child=False)[1]
+        unusable = found.unusable + len(self.bag.topics[fastest].damaged)
+        series = TimeSeries(
+            fastest, found.time_ns, found.values, world, unusable=unusable, strays=others, far_ns=found.far_ns
+        )
         return self._of_body("pose", series, body.lstrip("/"))
 
     def _rates(self, pose: TimeSeries | None) -> TimeSeries | None:
@@ -478,14 +481,14 @@ class _TrackReader:
         for name, count in zip(names, np.bincount(of_row[of_row >= 0], minlength=len(kinds)).tolist(), strict=True):
             counts[name] = counts.get(name, 0) + count
         main = max(counts, key=counts.__getitem__)
-        strays = {":".join(name): count for name, count in counts.items() if name != main}
-        if sum(strays.values()) > STRAYS * sum(counts.values()):
+        others = {":".join(name): count for name, count in counts.items() if name != main}
+        if sum(others.values()) > STRAYS * sum(counts.values()):
             raise LogError(
-                f"{self.bag.path}: topic {topic.name!r} has the frames {sorted([':'.join(main), *strays])}, expected "
+                f"{self.bag.path}: topic {topic.name!r} has the frames {sorted([':'.join(main), *others])}, expected "
                 f"one in {100.0 * (1.0 - STRAYS):g} % of its messages or more; a topic that mixes bodies or axes "
                 "cannot be inspected, record them apart"
             )
-        return main[0], strays, np.array([*(name == main for name in names), True])[of_row]
+        return main[0], others, np.array([*(name == main for name in names), True])[of_row]
 
     def _cleaned(self, use: str, topic: str, time_ns: Times, values: Array, frame: str = "") -> TimeSeries:
         self.uses[topic] = ", ".join(filter(None, (self.uses.get(topic), use)))
@@ -499,11 +502,7 @@ class _TrackReader:
         # A bag may be large: what need not be copied is not.
         if not usable.all():
             time_ns, values = time_ns[usable], values[usable]
-        far = np.empty(0, np.int64)
-        if RUN not in self.bag.metadata:
-            ascending = time_ns if (time_ns[1:] >= time_ns[:-1]).all() else np.sort(time_ns)
-            near = without_strays(ascending)
-            far = np.concatenate([ascending[: near.start], ascending[near.stop :]])
+        far = np.empty(0, np.int64) if RUN in self.bag.metadata else strays(time_ns)
         if len(far):
             usual = ~np.isin(time_ns, far)
             time_ns, values = time_ns[usual], values[usual]
@@ -782,6 +781,10 @@ def _steps(
     stamped = bag.topics[topic].stamps_given
     times = np.array([wrench.stamp_ns if stamped else log_time for log_time, wrench in commands], dtype=np.int64)
     times = times if stamped else line.stamps(times)
+    far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
+    if len(far):
+        near = np.flatnonzero(~np.isin(times, far))
+        times, commands = times[near], [commands[row] for row in near.tolist()]
     held = [_held(wrench, frames) for _, wrench in commands]
     order = np.argsort(times, kind="stable")
     # A node that is paused takes all commands at one simulation time.
@@ -805,6 +808,7 @@ def _steps(
         disorder=disorder(times),
         standing=still,
         channel=limits,
+        far_ns=tuple(far.tolist()),
     )
 
 

@@ -111,13 +111,7 @@ class TimeSeries:
             each = ", ".join(f"{frame or '(no name)'} {count}×" for frame, count in self.strays.items())
             of = f"{sum(self.strays.values())} of {self.count} messages"
             told.append(f"{of} are of other frames than the rest, and left out: {each}")
-        if self.far_ns:
-            away = max(self.far_ns, key=lambda at: abs(at - start_ns)) - start_ns
-            is_are, up_to = ("is", "") if len(self.far_ns) == 1 else ("are", "up to ")
-            told.append(
-                f"{len(self.far_ns)} of {self.count} stamps {is_are} far from all the others, {up_to}"
-                f"{abs(away) * 1e-9:.6g} s {'before' if away < 0 else 'after'} the start, and left out"
-            )
+        told += [_far(self.far_ns, self.count, start_ns)] if self.far_ns else []
         told += [self.disorder.told(start_ns)] if self.disorder is not None else []
         told += [each.told(start_ns) for each in self.spikes]
         told += [
@@ -125,6 +119,16 @@ class TimeSeries:
             for at, count in self.hangs
         ]
         return told + [still for still in [standing(self.time_ns)] if still]
+
+
+def _far(far_ns: Sequence[int], count: int, start_ns: int) -> str:
+    """Return that stamps of `count` messages are far from all the others, as text."""
+    away = max(far_ns, key=lambda at: abs(at - start_ns)) - start_ns
+    is_are, up_to = ("is", "") if len(far_ns) == 1 else ("are", "up to ")
+    return (
+        f"{len(far_ns)} of {count} stamps {is_are} far from all the others, {up_to}{abs(away) * 1e-9:.6g} s "
+        f"{'before' if away < 0 else 'after'} the start, and left out"
+    )
 
 
 @dataclass(frozen=True)
@@ -144,6 +148,7 @@ class RecordedWrench:
         standing: that the stamps stand still, as text; "" if they do not, or are simulation times of this package.
         channel: of the scene, whose commands these are; None for what is applied or of no channel.
         weight: whether it is the weight by the scene, which goes with the mass that is given.
+        far_ns: stamps that are left out because they are far from all the others.
     """
 
     topic: str
@@ -158,6 +163,12 @@ class RecordedWrench:
     standing: str = ""
     channel: Channel | None = None
     weight: bool = False
+    far_ns: tuple[int, ...] = ()
+
+    def faults(self, start_ns: int) -> list[str]:
+        """Return what is wrong with the stamps, as text; times count from `start_ns`."""
+        told = [_far(self.far_ns, len(self.time_ns) + len(self.far_ns), start_ns)] if self.far_ns else []
+        return told + ([f"{self.standing}: when each wrench acted is not known"] if self.standing else [])
 
     def accepted(self) -> RecordedWrench:
         """Return the same without rows that are not known: a command that is rejected leaves the one before."""
@@ -272,8 +283,9 @@ class Track:
 
     @property
     def faults(self) -> list[str]:
-        """What is wrong with frames and stamps of pose and twist, as text."""
-        told = (f"{each.topic}: {fault}" for each in self.motion for fault in each.faults(self.zero_ns))
+        """What is wrong with frames and stamps of pose, twist and wrenches, as text."""
+        every: tuple[TimeSeries | RecordedWrench, ...] = (*self.motion, *self.wrenches)
+        told = (f"{each.topic}: {fault}" for each in every for fault in each.faults(self.zero_ns))
         return [*dict.fromkeys(told)]
 
     @property

@@ -6,7 +6,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.track import LARGEST, Array, Times, unit_rows
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS
@@ -23,11 +25,15 @@ class FramePose:
         topics: of the transforms, from the outer frame inwards.
         time_ns: stamps of the transform that comes most often.
         values: rows of position (m) and quaternion x, y, z, w.
+        unusable: number of transforms left out because a number in them is not finite or too large.
+        far_ns: stamps of moving transforms that are left out because they are far from all the others.
     """
 
     topics: tuple[str, ...]
     time_ns: Times
     values: Array
+    unusable: int
+    far_ns: tuple[int, ...]
 
 
 def pairs(bag: Bag) -> dict[tuple[str, str], Topic]:
@@ -57,6 +63,11 @@ def pose_between(bag: Bag, world: str, body: str) -> FramePose:
     steps = _path(bag, known, world.lstrip("/"), body.lstrip("/"))
     moving = [topic for topic, _ in steps if not is_fixed(topic)]
     parts = {topic.name: _rows(topic) for topic, _ in steps}
+    far = {topic.name: strays(parts[topic.name][0]) for topic in moving}
+    for name, stamps in far.items():
+        at, rows = parts[name]
+        usual = ~np.isin(at, stamps)
+        parts[name] = at[usual], rows[usual]
     if moving:
         time_ns, _ = max((parts[topic.name] for topic in moving), key=lambda part: len(part[0]))
         begin, end = max(parts[t.name][0][0] for t in moving), min(parts[t.name][0][-1] for t in moving)
@@ -78,7 +89,18 @@ def pose_between(bag: Bag, world: str, body: str) -> FramePose:
             turned = turned * np.array([-1.0, -1.0, -1.0, 1.0])
         position = position + rotate_all(attitude, moved)
         attitude = product(attitude, turned)
-    return FramePose(tuple(topic.name for topic, _ in steps), time_ns, np.hstack([position, attitude]))
+    return FramePose(
+        tuple(topic.name for topic, _ in steps),
+        time_ns,
+        np.hstack([position, attitude]),
+        sum(int((~_usable(topic) & (topic.kinds[1] == 0)).sum()) for topic, _ in steps),
+        tuple(np.concatenate([np.empty(0, np.int64), *far.values()]).tolist()),
+    )
+
+
+def _usable(topic: Topic) -> NDArray[np.bool_]:
+    usable: NDArray[np.bool_] = (np.abs(topic.numbers) < LARGEST).all(axis=1)
+    return usable
 
 
 def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) -> list[tuple[Topic, bool]]:
@@ -108,7 +130,7 @@ def _rows(topic: Topic) -> tuple[Times, Array]:
     """Return stamps, ascending and each once, and rows with unit quaternions, without those that are not numbers."""
     rows, stamps = topic.numbers, topic.stamps if topic.stamps_given else topic.log_times
     _, kind = topic.kinds
-    kept = (kind == 0) & (np.abs(rows) < LARGEST).all(axis=1) & (rows[:, 3:] != 0.0).any(axis=1)
+    kept = (kind == 0) & _usable(topic) & (rows[:, 3:] != 0.0).any(axis=1)
     if not kept.any():
         raise LogError(f"topic {topic.name}: found no transform of usable numbers, expected some; record it again")
     # Of the same stamp the later counts, as in tf2.

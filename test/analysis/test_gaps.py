@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bag_rows import STAMPED, add, stamped
-from tumbling import bag_of, failing, spin, summary_of
+from foreign_bags import TF, transform, transforms, write_bag
+from tumbling import WRENCH, bag_of, failing, fill, spin, summary_of
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.gaps import holes, silences, told, without_strays
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.logs.bag_reader import read_bag
 
 STEP = 10_000_000
 
@@ -169,3 +173,37 @@ def test_messages_that_are_sent_again_are_no_run() -> None:
     assert "/b/pose is whole" not in failing(bag_of(again))
     twice = spin().taken(np.concatenate([rows, rows]))
     assert "begin again" in failing(bag_of(twice))["/b/pose is whole"]
+
+
+def test_stray_stamps_and_numbers_of_composed_transforms_are_left_out_and_named(tmp_path: Path) -> None:
+    """Such a stamp was time 0 of the whole output."""
+    motion = spin(count=300)
+    rows = np.hstack([motion.position, motion.orientation_xyzw])
+    rows[200, 0] = np.nan
+    stamps = np.append(motion.time_ns + 10**18, [0])
+    turning = [transform(int(at), "odom", "base", row) for at, row in zip(stamps, [*rows, rows[0]], strict=True)]
+    logged = [("/tf", TF, 10**18 + 10**7 * k, transforms([each])) for k, each in enumerate(turning)]
+    still = transform(10**18, "map", "odom", (0, 0, 0, 0, 0, 0, 1))
+    logged.append(("/tf_static", TF, 10**18, transforms([still])))
+    found = read_track(read_bag(write_bag(tmp_path / "tf", logged)), choice=TopicChoice(frames=("map", "base")))
+    assert found.pose is not None
+    assert found.zero_ns == 10**18
+    assert found.pose.unusable == 1
+    assert any("1 of 301 stamps is far from all the others" in each for each in found.faults)
+
+
+@pytest.mark.parametrize("far", [-(10**17), 10**17])
+def test_a_command_far_from_all_the_others_is_left_out_and_named(far: int) -> None:
+    """One of long before all others acted from the start until the next."""
+    motion, torque = spin(), np.zeros((200, 6))
+    torque[:, 5] = 0.1
+    bag = bag_of(motion)
+    bag.topics["/w"] = Topic("/w", WRENCH)
+    times = motion.time_ns[300:500] + 0
+    times[100] += far
+    fill(bag.topics["/w"], times, "base", torque, 0)
+    found = read_track(bag)
+    (wrench,) = found.wrenches
+    assert len(wrench.time_ns) == 199
+    assert "1 of 200 stamps is far from all the others" in failing(bag)["/w is whole"]
+    assert any("/w: 1 of 200 stamps is far" in each for each in losses(found))

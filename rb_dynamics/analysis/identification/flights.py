@@ -276,9 +276,9 @@ class Flight:
             yield from ((said, each) for each in _agreements_of(attitude, pose, rates, twist))
         for velocity, position in itertools.product(by_kind[VELOCITY], by_kind[POSITION]):
             beside = (each for each in by_kind[ATTITUDE] if np.array_equal(each.time_ns, position.time_ns))
-            if (attitude := next(beside, None)) is None:
+            if (turned := next(beside, None)) is None:
                 continue
-            pose = np.hstack([position.values, attitude.values])
+            pose = np.hstack([position.values, turned.values])
             twist = np.hstack([velocity.values, np.zeros_like(velocity.values)])
             said = f"velocities of {velocity.topic} and positions of {position.topic}"
             every = _agreements_of(position, pose, velocity, twist)
@@ -392,8 +392,8 @@ def _set_forward(track: Track, zero: int) -> tuple[int, ...]:
                 for name, each in found.items()
             )
             raise LogError(
-                f"{track.bag.path}: by the log times, clocks of the stamps were set forward at different times: {told}; "
-                "expected sensors of one clock; cut the recording to before that, with convert --to"
+                f"{track.bag.path}: by the log times, clocks of the stamps were set forward at different times: {told}"
+                "; expected sensors of one clock; cut the recording to before that, with convert --to"
             )
     return tuple(max(at for at, _ in each) - zero for each in zip(*found.values(), strict=True))
 

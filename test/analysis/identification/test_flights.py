@@ -386,7 +386,10 @@ def test_a_clock_that_was_set_forward_begins_another_piece(by_s: float) -> None:
 @pytest.mark.parametrize(
     ("by", "words"),
     [
-        ((-2.0, -2.0), "stamps begin again after t = 5.99 s at 4 s: two runs .*, or a clock that was set back; .*; cut it"),
+        (
+            (-2.0, -2.0),
+            "stamps begin again after t = 5.99 s at 4 s: two runs .*, or a clock that was set back; .*; cut it",
+        ),
         ((2.0, 0.0), "/b/pose by 2 s at 5.99 s; /b/twist never; expected sensors of one clock; cut"),
     ],
 )
