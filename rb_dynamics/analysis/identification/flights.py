@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
-from rb_dynamics.analysis.clocks import APART, leaps
+from rb_dynamics.analysis.clocks import APART, leaps, remarks
 from rb_dynamics.analysis.gaps import NAMED, holes, listed
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
@@ -162,8 +162,9 @@ class Flight:
             LogError: no sensor measured on both sides of one.
         """
         streams = [stream for stream in self.streams if len(stream.time_ns) >= _FEWEST]
-        times, rate = [stream.time_ns for stream in streams], _turn_rate(streams)
-        for begin, end in holes(times, rate):
+        times = [stream.time_ns for stream in streams]
+        found = holes(times, _turn_rate(streams), _BRIDGED)
+        for begin, end in found:
             if not any(time[0] <= begin and time[-1] >= end for time in times):
                 each = ", ".join(
                     f"{s.topic} {s.kind} from {s.time_ns[0] * 1e-9:.6g} to {s.time_ns[-1] * 1e-9:.6g} s"
@@ -173,7 +174,7 @@ class Flight:
                     f"{self.name}: no sensor measured both before and after {begin * 1e-9:.6g} to {end * 1e-9:.6g} s: "
                     f"{each}; expected sensors of one clock; stamp them by one clock, or leave out all but those of one"
                 )
-        return holes(times, rate, _BRIDGED)
+        return found
 
     def between(self, first_ns: int, end_ns: int) -> Flight:
         """Return what was measured from `first_ns` to before `end_ns`."""
@@ -355,9 +356,10 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         raise LogError(
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
         )
+    _require_one_clock(track)
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
-    notes += losses(track)
+    notes += [*losses(track), *remarks(track)]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
@@ -377,6 +379,25 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     return found if own else found.between_commands()
 
 
+def _require_one_clock(track: Track) -> None:
+    """Refuse sensors that are stamped one after the other although they were logged at one time.
+
+    Raises:
+        LogError: there are such sensors.
+    """
+    measured = [series for series in track.motion if len(series.time_ns)]
+    for pair in itertools.combinations(measured, 2):
+        first, second = sorted(pair, key=lambda series: int(series.time_ns[0]))
+        logs = [track.bag.topics[series.topic].log_times for series in (first, second)]
+        apart = int(second.time_ns[0] - first.time_ns[-1])
+        if apart > 0 and logs[1].min() < logs[0].max() and logs[0].min() < logs[1].max():
+            raise LogError(
+                f"{track.bag.path}: {first.topic} ends {apart * 1e-9:.6g} s before {second.topic} begins, by the "
+                "stamps, while both were logged at one time; expected sensors of one clock; stamp them by one, or leave "
+                "out all but those of one"
+            )
+
+
 def _set_forward(track: Track, zero: int) -> tuple[int, ...]:
     """Return when the clock of the stamps was set forward, by the log times, from `zero`: the last stamps before.
 
@@ -384,8 +405,7 @@ def _set_forward(track: Track, zero: int) -> tuple[int, ...]:
         LogError: that of another topic was not.
     """
     found = {name: leaps(track.bag.topics[name]) for name in dict.fromkeys(each.topic for each in track.motion)}
-    one, *others = found.values()
-    for other in others:
+    for one, other in itertools.pairwise(found.values()):
         if len(one) != len(other) or any(abs(a - b) > APART for (_, a), (_, b) in zip(one, other, strict=True)):
             told = "; ".join(
                 f"{name} {' and '.join(f'by {by:.6g} s at {(at - zero) * 1e-9:.6g} s' for at, by in each) or 'never'}"

@@ -13,7 +13,7 @@ import pytest
 from bag_rows import STAMPED, add, stamped, write_rows
 from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
-from tumbling import SPIN_AXIS, bag_of, failing, spin
+from tumbling import SPIN_AXIS, TWIST, bag_of, failing, fill, spin
 
 from rb_dynamics import (
     Channel,
@@ -363,6 +363,40 @@ def test_sensors_of_two_clocks_are_refused() -> None:
     apart = replace(made, streams=(replace(rates, time_ns=rates.time_ns + 10**18), attitude))
     with pytest.raises(LogError, match="no sensor measured both before and after"):
         apart.pieces()
+
+
+def test_a_sensor_that_ends_before_another_begins_is_led_across() -> None:
+    """It was refused as one of two clocks; the log times say whether it is."""
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    made = flown(body, np.random.default_rng(3), seconds=5.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, pose=1e-3)
+    rates, *pose = made.streams
+    until, since = (slice(0, 200), slice(260, None))
+    found = identify(
+        guess(body),
+        [replace(made, streams=(rates.rows(since), *(each.rows(until) for each in pose)))],
+        ["inertia_ratios"],
+    )
+    assert found.explained
+    for each in found.parameters:
+        i, j = ("xyz".index(axis) for axis in each.name[-2:])
+        assert each.interval is not None
+        assert each.interval[0] <= body.inertia[i][j] / 0.09 <= each.interval[1]
+
+
+def test_sensors_logged_at_one_time_and_stamped_one_after_the_other_are_of_two_clocks() -> None:
+    bag = bag_of(spin(), with_twist=False)
+    bag.topics["/b/twist"] = Topic("/b/twist", TWIST)
+    rows = np.hstack([spin().velocity, spin().rate])
+    fill(bag.topics["/b/twist"], spin().time_ns + 30 * 10**9, "base", rows, -30 * 10**9)
+    with pytest.raises(LogError, match=r"/b/pose ends 20\.01 s before /b/twist begins, by the stamps, while both were"):
+        flight_of(bag, guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
+
+
+def test_a_bag_of_commands_alone_is_no_flight() -> None:
+    alone = replace(bag_of(spin()), topics={"/w": Topic("/w", STAMPED)})
+    add(alone.topics["/w"], 0, stamped(0, 1.0))
+    with pytest.raises(LogError, match="found 0 samples of the motion"):
+        flight_of(alone, guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
 
 
 def leapt(by_s: float, twist_by_s: float) -> Bag:
