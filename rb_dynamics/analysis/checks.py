@@ -178,21 +178,29 @@ def _unread(topic: Topic) -> Check:
 
 
 def _late(series: TimeSeries, track: Track) -> str:
-    """Return how late the topic begins and how early it ends relative to the recording; "" if neither."""
+    """Return how late the topic begins and how early it ends relative to the recording; "" if neither.
+
+    By the log times, which all topics have; but one that is logged later may be stamped like the others.
+    """
     own = track.bag.topics.get(series.topic)
     if track.own or own is None or not own.count:
         return ""
     low, high = track.bag.cut_ns or (-(2**63), 2**63 - 1)
     others = [
-        (times, each.name)
+        (times, each.name, within)
         for each in track.bag.topics.values()
         if not each.type_name.startswith(_OF_ROS) and not is_latched(each.qos)
-        if len(times := each.log_times[(each.log_times >= low) & (each.log_times <= high)])
+        if len(times := each.log_times[within := (each.log_times >= low) & (each.log_times <= high)])
     ]
-    begin, first = min((int(times.min()), name) for times, name in others)
-    end, last = max((int(times.max()), name) for times, name in others)
-    apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
+    begin, first, of_first = min(((int(times.min()), name, rows) for times, name, rows in others), key=lambda o: o[:2])
+    end, last, of_last = max(((int(times.max()), name, rows) for times, name, rows in others), key=lambda o: o[:2])
     late, early = int(own.log_times.min()) - begin, end - int(own.log_times.max())
+    if own.stamps_given and len(series.time_ns):
+        if (other := track.bag.topics[first]).stamps_given:
+            late = min(late, int(series.time_ns[0] - other.stamps[of_first].min()))
+        if (other := track.bag.topics[last]).stamps_given:
+            early = min(early, int(other.stamps[of_last].max() - series.time_ns[-1]))
+    apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
     lacks = [f"it begins {late * 1e-9:.6g} s after the recording does, with {first}"] if late > apart else []
     lacks += [f"it stops {early * 1e-9:.6g} s before the recording does, which goes on with {last}"] * (early > apart)
     return "; ".join(lacks)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bag_rows import STAMPED, add, stamped
 from foreign_bags import TF, transform, transforms, write_bag
-from tumbling import WRENCH, bag_of, failing, fill, spin, summary_of
+from tumbling import TWIST, WRENCH, bag_of, failing, fill, spin, summary_of
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.checks import losses
@@ -16,6 +16,7 @@ from rb_dynamics.analysis.gaps import holes, silences, told, without_strays
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 STEP = 10_000_000
 
@@ -54,6 +55,18 @@ def test_a_stream_that_begins_late_or_ends_early_is_named(missing: tuple[int, in
     part = spin().taken(rows[(rows < begin) | (rows >= end)])
     assert words in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
     assert "/b/twist" in failing(bag_of(part, twist=spin()))["/b/pose is whole"]
+
+
+@pytest.mark.parametrize("by_s", [-3600, 3600])
+def test_a_stream_that_was_logged_later_but_stamped_alike_is_whole(by_s: int) -> None:
+    """Only the log times were an hour apart, and it was said to begin an hour late."""
+    motion, later = spin(), spin()
+    bag = bag_of(motion, with_twist=False)
+    bag.topics["/b/twist"] = Topic("/b/twist", TWIST)
+    rows = np.hstack([rotate_all_inverse(later.orientation_xyzw, later.velocity), later.rate])
+    fill(bag.topics["/b/twist"], later.time_ns, "base", rows, by_s * 10**9)
+    assert not {"/b/pose is whole", "/b/twist is whole"} & failing(bag).keys()
+    assert any("/b/twist is stamped 3600 s" in each for each in summary_of(bag).warnings)
 
 
 def test_a_part_begins_with_its_motion_and_not_with_the_wrench_that_is_held_into_it() -> None:

@@ -393,8 +393,8 @@ def _require_one_clock(track: Track) -> None:
         if apart > 0 and logs[1].min() < logs[0].max() and logs[0].min() < logs[1].max():
             raise LogError(
                 f"{track.bag.path}: {first.topic} ends {apart * 1e-9:.6g} s before {second.topic} begins, by the "
-                "stamps, while both were logged at one time; expected sensors of one clock; stamp them by one, or leave "
-                "out all but those of one"
+                "stamps, while both were logged at one time; expected sensors of one clock; stamp them by one, or "
+                "leave out all but those of one"
             )
 
 
