@@ -147,8 +147,8 @@ class SensorErrors:
 
     @property
     def deviation(self) -> Array:
-        """Their standard deviation."""
-        return np.asarray(self.errors.std(axis=0))
+        """Their standard deviation; NaN of a single one."""
+        return np.asarray(self.errors.std(axis=0)) if self.compared > 1 else np.full(self.errors.shape[1], np.nan)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -157,3 +158,14 @@ def test_text_and_page_show_them(log: Path, tmp_path: Path) -> None:
 
 def test_a_scene_without_them_has_none(tmp_path: Path) -> None:
     assert rb.inspect(fly(tmp_path / "plain.mcap").log).summary.onboard == Onboard()
+
+
+def test_a_single_sample_has_no_deviation(tmp_path: Path) -> None:
+    """It was 0, as of a sensor without noise."""
+    scene = SCENE.replace("rate: 10, noise", "rate: 0.04, noise")
+    found = rb.inspect(fly(tmp_path / "one.mcap", scene, COMMANDS).log)
+    (tracker,) = (each for each in found.as_dict()["onboard"]["sensors"] if each["name"] == "tracker")
+    assert tracker["compared"] == 1
+    assert tracker["deviation"] == [None] * 3
+    assert None not in tracker["mean"]
+    assert re.search(r"standard deviation +unknown +unknown +unknown", as_text(found.summary))
