@@ -74,6 +74,20 @@ def test_blocks_give_the_whole(flight: Any, block: int, monkeypatch: pytest.Monk
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, atol=1e-12)
 
 
+def test_over_a_hole_the_impulse_of_a_wrench_that_turns_is_unknown(flight: Any) -> None:
+    """Quadrature over it gave numbers so large that they drowned the digits of all the others."""
+    track, times = track_of(flight), flight.samples.time_ns
+    hole = slice(len(times) // 4, 3 * len(times) // 4)
+    far = np.arange(len(times)) >= hole.stop
+    later = [replace(each, time_ns=each.time_ns + far * 10**15) for each in track.motion]
+    whole = impulses(track, "torque", times)
+    found = impulses(replace(track, pose=later[0], twist=later[1]), "torque", np.delete(times + far * 10**15, hole))
+    before = slice(0, hole.start)
+    assert np.array_equal(found.turning[before], whole.turning[before])
+    assert np.isinf(found.error[hole.start])
+    assert not found.turning[hole.start].any()
+
+
 def test_force_in_world_axes_is_exact(flight: Any) -> None:
     balance = named(track_of(flight), "linear momentum")
     assert "exact" in balance.basis

@@ -222,3 +222,21 @@ def test_torques_that_are_all_weaker_are_told_beside_another_inertia() -> None:
     assert left.factor == pytest.approx(0.95, rel=1e-2)
     assert "A factor of 0.9" in residual_sentence(left, 0)
     assert judged(track_of(recording(3), moments=1.05)).factor is None
+
+
+def with_hole(made: Recording, begin: int, end: int) -> Recording:
+    """Return a recording without these samples."""
+    topics = {
+        name: topic.only(~np.isin(np.arange(topic.count), np.arange(begin, end))) if topic.count > 1 else topic
+        for name, topic in made.bag.topics.items()
+    }
+    return replace(made, bag=replace(made.bag, topics=topics))
+
+
+def test_an_inertia_is_judged_by_a_part_without_a_hole() -> None:
+    """Of a body that turns by 15 rad meanwhile, the motion was followed over the hole."""
+    made = with_hole(flipping(1), 800, 1300)
+    left = judged(track_of(made))
+    assert left.explained
+    assert left.fitted_ns is not None
+    assert left.fitted_ns[1] <= 800 * 20_000_000 or left.fitted_ns[0] >= 1300 * 20_000_000
