@@ -143,6 +143,7 @@ class Agreement:
         arm_error: its standard error, m.
         rare: whether interpolation between samples may explain a large `error`.
         leaps: of the attitude; None of a motion.
+        speed: median difference per s that interpolation does not explain, rad/s or m/s; of what `contradicts`.
     """
 
     of: str
@@ -162,6 +163,7 @@ class Agreement:
     arm_error: float = 0.0
     rare: bool = False
     leaps: Leaps | None = None
+    speed: float = 0.0
 
     @property
     def words(self) -> str:
@@ -194,7 +196,8 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
         return ()
     both = _Both.of(pose, twist)
     if both is None:
-        reason = f"{pose.topic} and {twist.topic} are not of the same time"
+        apart = pose.time_ns[0] > twist.time_ns[-1] or twist.time_ns[0] > pose.time_ns[-1]
+        reason = f"{pose.topic} and {twist.topic} {'are not' if apart else 'have too few samples'} of the same time"
         return Agreement("attitude", None, reason=reason), Agreement("position", None, reason=reason)
     if leaping := _leaping(both):
         return leaping, Agreement("position", None, reason="the attitude leaps")
@@ -525,7 +528,7 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     if not contradicts:
         unit = "rad/s" if of == "attitude" else "m/s"
         return Agreement(of, None, reason=f"they differ by {speed:.2g} {unit}, as the constant error of a sensor may")
-    return Agreement(of, error, window_s, count, contradicts, remedy, remaining)
+    return Agreement(of, error, window_s, count, contradicts, remedy, remaining, speed=speed)
 
 
 def _farthest(positions: Array) -> float:

@@ -199,7 +199,9 @@ def sensor_rows(summary: RunSummary) -> list[list[str]]:
     for each in summary.onboard.sensors:
         for what, values in (("mean", each.mean), ("standard deviation", each.deviation)):
             name = f"{each.name}, {each.words}"
-            rows.append([name if what == "mean" else "", what, *("unknown" if math.isnan(v) else f"{v:.4g}" for v in values)])
+            rows.append(
+                [name if what == "mean" else "", what, *("unknown" if math.isnan(v) else f"{v:.4g}" for v in values)]
+            )
     return rows if len(rows) > 1 else []
 
 

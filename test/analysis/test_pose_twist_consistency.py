@@ -238,6 +238,12 @@ def test_what_is_too_slow_too_fast_or_of_another_time_is_not_judged() -> None:
     assert [each.reason for each in later] == ["/b/pose and /b/twist are not of the same time"] * 2
 
 
+def test_of_a_few_samples_it_is_said_that_they_are_few() -> None:
+    """They were said not to be of the same time."""
+    found = agreements(read_track(bag_of(spin(count=4))))
+    assert [each.reason for each in found] == ["/b/pose and /b/twist have too few samples of the same time"] * 2
+
+
 @pytest.mark.parametrize("arm", [(0.02, 0.03, -0.01), (0.2, 0.3, -0.1)])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_the_pose_of_a_marker_is_told_and_no_turned_axes(arm: tuple[float, float, float], noise: float) -> None:

@@ -32,6 +32,8 @@ NO_WRENCH = "no wrench is recorded: nothing but the effects of the scene is take
 
 # A motion is followed over holes that together last this many times as long as is measured.
 _BRIDGED = 10.0
+# rad/s: no gyro has an error that large and constant.
+_NO_SENSOR = 0.5
 _FEWEST = 4
 """Samples of a stream without which it says nothing of its noise."""
 
@@ -259,12 +261,17 @@ class Flight:
                     f"{self.name}: {said} contradict each other: {found.leaps}, expected attitudes of one body; write "
                     "quaternions from angles in radians, or leave them out"
                 )
+            if found.of == "attitude" and found.speed > _NO_SENSOR and not found.words:
+                raise LogError(
+                    f"{self.name}: {said} contradict each other by {100.0 * (found.error or 0.0):.3g} %, and neither "
+                    "other axes or units nor a delay explain it, expected those of one body; leave one of them out"
+                )
             aligned = found.aligned
             if aligned.large and aligned.lag_s and not (aligned.scale or aligned.turn):
                 notes.append(f"{said} are not of the same time: {aligned.words}; fit delay")
             elif found.contradicts and found.error is not None:
                 words = f" ({found.words})" if found.words else ""
-                notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %{words}: no fit follows both")
+                notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %{words}")
         return replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def _agreements(self) -> Iterator[tuple[str, Agreement]]:

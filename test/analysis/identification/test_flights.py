@@ -312,6 +312,20 @@ def test_positions_and_velocities_of_two_units_are_refused_by_name(of_pose: floa
     assert words in failing(bag)["linear velocity fits the position"]
 
 
+def test_rates_of_another_body_than_the_attitudes_are_refused_and_those_with_a_bias_are_fitted() -> None:
+    """A fit to both took long, and blamed the quaternions; of a bias, it was said that none follows."""
+    random = np.random.default_rng(3)
+    one, other = (random_body(random) for _ in range(2))
+    quick = flown(one, random, spin=(1.0, 2.0, 0.5), pose=1e-3, seconds=6.0)
+    turning = flown(other, random, spin=(-2.0, 0.3, 1.0), pose=1e-3, seconds=6.0)
+    with pytest.raises(LogError, match="neither other axes or units nor a delay explain it, expected those of one"):
+        replace(quick, streams=(quick.streams[0], *turning.streams[1:])).require_agreement()
+    slow = flown(one, random, spin=(0.04, 0.12, -0.03), pose=1e-3, seconds=6.0, bias=(0.06, -0.06, 0.05))
+    (note,) = slow.require_agreement().notes
+    assert re.search(r"contradict each other by [\d.]+ %$", note)
+    assert identify(guess(one), [slow], ["gyro_bias"]).explained
+
+
 def test_a_sensor_that_is_late_is_named_with_what_to_fit() -> None:
     motion = spin(rate=0.5, speed=1.0)
     turning = replace(motion, rate=motion.rate * (1.0 + np.sin(3e-9 * motion.time_ns))[:, None])
