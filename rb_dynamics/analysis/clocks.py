@@ -18,6 +18,8 @@ _ABOVE_NOISE = 10.0
 _PIECES, _LEAST = 16, 4
 # A change is a drift if a straight line leaves at most this fraction of it.
 _STRAIGHT = 0.3
+# Part of the messages that are the quickest.
+_QUICKEST = 0.05
 APART = 1.0
 """Larger differences between stamps and log times mean different clocks; s."""
 
@@ -29,7 +31,7 @@ class Clock:
     Attributes:
         topic: as recorded.
         stamped: whether its messages have stamps that do not stand still; otherwise the offset is 0.
-        offset_s: median.
+        offset_s: of those that were quickest to be logged.
         range_s: its change, without the scatter; 0 if there is only scatter.
         drift: seconds per second, if it changes uniformly; otherwise None.
         jump_s: the largest change from one message to the next.
@@ -62,7 +64,8 @@ def clock(topic: Topic) -> Clock:
         return Clock(topic.name, False, 0.0)
     logged = topic.log_times
     offset = (logged - stamps) * 1e-9
-    whole = float(np.median(offset))
+    # Messages may wait to be logged, never the other way round.
+    whole = float(np.quantile(offset, _QUICKEST))
     count = min(_PIECES, len(offset) // _LEAST)
     if count < _PIECES // 2:
         return Clock(topic.name, True, whole)

@@ -81,6 +81,13 @@ def test_topics_by_two_clocks_are_told() -> None:
     assert any(each.startswith("/b/twist is stamped 7 s behind /b/pose") for each in summary_of(bag).warnings)
 
 
+def test_messages_that_wait_to_be_logged_are_of_no_other_clock() -> None:
+    """Of a topic that is recorded in bursts, half of all waited for more than a second."""
+    every = 3 * SECOND
+    bag = bag_of(spin(), logged_later_ns=every - spin().time_ns % every, wrench=True)
+    assert not any("by another clock" in each for each in summary_of(bag).warnings)
+
+
 def test_a_wrench_on_log_time_is_put_to_the_stamps_of_the_pose() -> None:
     bag = bag_of(spin(), logged_later_ns=1_700_000_000 * SECOND)
     bag.topics["/w"] = Topic("/w", PLAIN)

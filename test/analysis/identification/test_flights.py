@@ -13,7 +13,7 @@ import pytest
 from bag_rows import STAMPED, add, stamped, write_rows
 from identified_flights import flown, guess, random_body
 from noisy_recordings import recording
-from tumbling import SPIN_AXIS, TWIST, bag_of, failing, fill, spin
+from tumbling import POSE, SPIN_AXIS, TWIST, bag_of, failing, fill, spin
 
 from rb_dynamics import (
     Channel,
@@ -118,6 +118,23 @@ def test_gyro_alone_tells_ratios_and_its_bias() -> None:
         if each.name.startswith("gyro_bias"):
             assert each.standard_error is not None
             assert abs(each.value - bias["xyz".index(each.name[-1])]) < 5.0 * each.standard_error
+
+
+def test_a_bias_of_a_gyro_breaks_no_balance() -> None:
+    """The momentum of such rates is none of the body, and it was said not to be conserved."""
+    body = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))
+    random = np.random.default_rng(3)
+    made = flown(body, random, seconds=6.0, spin=(0.3, 3.0, 0.5), gyro=1e-3, pose=1e-3, bias=(0.05, -0.04, 0.03))
+    bag = imu_bag(made)
+    _, attitude, position = made.streams
+    bag.topics["/pose"] = Topic("/pose", POSE)
+    fill(bag.topics["/pose"], attitude.time_ns + 10**9, "world", np.hstack([position.values, attitude.values]), 0)
+    bag.topics["/w"] = Topic("/w", STAMPED)
+    add(bag.topics["/w"], 10**9, cdr.encode(STAMPED, 10**9, "world", [0.0] * 6))
+    summary = summarize(read_track(bag, rigid(body)))
+    assert summary.passed
+    told = next(check.detail for check in summary.checks if check.name == "angular momentum balance")
+    assert "/imu has a constant error, as gyros have, with which the inertia explains the motion" in told
 
 
 def test_a_bag_of_pose_twist_and_commands_tells_the_body() -> None:
@@ -411,6 +428,11 @@ def test_a_bag_of_commands_alone_is_no_flight() -> None:
     add(alone.topics["/w"], 0, stamped(0, 1.0))
     with pytest.raises(LogError, match="found 0 samples of the motion"):
         flight_of(alone, guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
+
+
+def rigid(body: RigidBody) -> Scene:
+    """Return the scene of a body."""
+    return parse_scene(f"body: {{mass: {body.mass}, inertia: {{matrix: {[list(row) for row in body.inertia]}}}}}\n")
 
 
 def leapt(by_s: float, twist_by_s: float) -> Bag:
