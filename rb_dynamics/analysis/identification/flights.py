@@ -524,10 +524,13 @@ def _of_pose(track: Track, zero: int, notes: list[str]) -> list[Stream]:
     position, attitude = series.values[:, :3], series.values[:, 3:]
     found = []
     norms = np.linalg.norm(attitude, axis=1)
-    if (np.abs(norms - 1.0) < 1e-2).all():
-        found.append(Stream(series.topic, ATTITUDE, series.time_ns - zero, unit_rows(attitude)))
+    unit = np.abs(norms - 1.0) < 1e-2
+    several = f"{int((~unit).sum())} of {len(unit)} quaternions are no attitudes (lengths {norms.min():.3g} to "
+    if unit.mean() >= 1.0 - STRAYS:
+        found.append(Stream(series.topic, ATTITUDE, series.time_ns[unit] - zero, unit_rows(attitude[unit])))
+        notes += [] if unit.all() else [f"{series.topic}: {several}{norms.max():.3g}), and are left out"]
     else:
-        notes.append(f"{series.topic}: its quaternions are no attitudes (lengths to {norms.max():.3g}); left out")
+        notes.append(f"{series.topic}: {several}{norms.max():.3g}); all are left out")
     return found + _unless_blank(track, series, POSITION, position, zero, notes)
 
 

@@ -435,6 +435,15 @@ def rigid(body: RigidBody) -> Scene:
     return parse_scene(f"body: {{mass: {body.mass}, inertia: {{matrix: {[list(row) for row in body.inertia]}}}}}\n")
 
 
+@pytest.mark.parametrize(("every", "kept"), [(100, 990), (5, 0)])
+def test_a_few_quaternions_that_are_no_attitudes_do_not_take_the_others(every: int, kept: int) -> None:
+    motion = spin()
+    motion.orientation_xyzw[::every] = 0.0
+    flight = flight_of(bag_of(motion), rigid(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
+    assert sum(len(stream.time_ns) for stream in flight.streams if stream.kind == ATTITUDE) == kept
+    assert any(f"{1000 // every} of 1000 quaternions are no attitudes (lengths 0 to 1)" in n for n in flight.notes)
+
+
 def leapt(by_s: float, twist_by_s: float) -> Bag:
     """Return a bag whose stamps leap after 6 s while the log goes on, those of the twist by another time."""
     pose, twist = ((np.arange(1000) >= 600) * round(by * 1e9) for by in (by_s, twist_by_s))
