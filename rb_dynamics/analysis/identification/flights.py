@@ -271,7 +271,8 @@ class Flight:
                 notes.append(f"{said} are not of the same time: {aligned.words}; fit delay")
             elif found.contradicts and found.error is not None:
                 words = f" ({found.words})" if found.words else ""
-                notes.append(f"{said} contradict each other by {100.0 * found.error:.3g} %{words}")
+                some = f"in {100.0 * found.partly:.3g} % of the time" if found.partly else ""
+                notes.append(f"{said} contradict each other {some or f'by {100.0 * found.error:.3g} %'}{words}")
         return replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def _agreements(self) -> Iterator[tuple[str, Agreement]]:
