@@ -330,6 +330,7 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         _take_worst(signal, times, rows, others)
     size = np.linalg.norm(differences(first, second), axis=1)
     interpolated = ~np.isin(times, common)
+    between = (signal for signal in (a, b) if not np.isin(times, signal.time_ns).all())
     # The difference of values that differ in a bit may underflow to 0.
     other = (first != second).any(axis=1)
     if a.turns:
@@ -344,7 +345,7 @@ def difference(name: str, axes: str, a: Signal | None, b: Signal | None) -> Diff
         _first(times, other),
         _first(times, other & ~interpolated),
         int(interpolated.sum()),
-        fine.interpolation_error() if interpolated.any() else 0.0,
+        max((signal.interpolation_error() for signal in between), default=0.0),
         (a.within(begin, end), b.within(begin, end)),
     )
 

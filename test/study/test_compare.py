@@ -489,6 +489,19 @@ def test_what_comes_after_the_last_common_stamp_is_compared_too() -> None:
         assert found.interpolated == 499
 
 
+def test_the_error_of_interpolation_is_that_of_whichever_is_interpolated() -> None:
+    """Only that of the finer one was told, six times less here, while samples between those of the other counted."""
+    fine, coarse = np.arange(2000) * 10_000_000, np.arange(740) * 27_000_000
+    at = [np.outer(np.sin(times * 1e-9), (1.0, 0.0, 0.0)) for times in (fine, coarse)]
+    a, b = Signal.of(fine, at[0]), Signal.of(coarse, at[1] + 0.002)
+    for one, other in ((a, b), (b, a)):
+        found = difference("position", "world", one, other)
+        assert found is not None
+        worst = np.abs(found.size - 0.002 * math.sqrt(3.0)).max()
+        assert worst > 3e-5
+        assert worst <= found.interpolation < 1.5e-4
+
+
 def test_no_sample_that_is_far_off_is_left_out() -> None:
     """Wrong ones behind right ones of their stamps, and a few whose stamps are 1 ns late, passed every bound."""
     times = np.arange(1000) * 10_000_000
