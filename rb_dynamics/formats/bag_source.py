@@ -10,7 +10,7 @@ import io
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import index
 from pathlib import Path
@@ -34,6 +34,8 @@ from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, load
 
 # Numbers that are farther apart are no numbers of files of one bag.
 _MOST_SKIPPED = 1000
+# Name, number and suffix of a file of several, as rosbag2 names them.
+_NUMBERED = re.compile(r"(.*_)(0|[1-9][0-9]{0,9})(\.\w+)")
 # Bytes given to zstd at once.
 _PACKED_BYTES = 4096
 
@@ -81,6 +83,7 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     mode, files = _files(path)
     there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
     if files and (not there or any(file.exists() for file in files)):
+        _require_named(path, files, there)
         return SplitBag(path, files, mode, on_fact)
     if files:
         raise LogError(
@@ -91,6 +94,22 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     raise LogError(
         f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them{itself}"
     )
+
+
+def _require_named(path: Path, files: Sequence[Path], there: Sequence[str]) -> None:
+    """Refuse files that differ from those of a bag only in their number.
+
+    Raises:
+        LogError: there are some, which the metadata do not name.
+    """
+    named = {file.name for file in files}
+    series = {_NUMBERED.sub(r"\1\3", name) for name in named if _NUMBERED.fullmatch(name)}
+    more = [name for name in there if name not in named and _NUMBERED.sub(r"\1\3", name) in series]
+    if more:
+        raise LogError(
+            f"{path} holds {', '.join(more[:5])}, which its {METADATA_FILE} does not name, expected only files that it "
+            f"names; remove {METADATA_FILE}, and all are read in the order of their numbers, or move them elsewhere"
+        )
 
 
 def _opened(path: Path, part: bool = False, on_fact: OnFact | None = None) -> McapFile | DatabaseFile:
@@ -168,7 +187,7 @@ class SplitBag:
         """Return the files between two that are not there, as the first says, or the numbers of rosbag2 from 0 on."""
         if expected := next_file(before.metadata):
             return [expected] if expected != after.path.name else []
-        named = [re.fullmatch(r"(.*_)(0|[1-9][0-9]{0,9})(\.\w+)", each.path.name) for each in (before, after)]
+        named = [_NUMBERED.fullmatch(each.path.name) for each in (before, after)]
         if (one := named[0]) is None or (other := named[1]) is None:
             return []
         name, suffix = one[1], one[3]
@@ -260,6 +279,7 @@ class DatabaseFile:
             from rosbags.rosbag2 import Reader
         require_file(self.path)
         try:
+            _require_finished(self.path)
             with Reader(self.path) as reader:
                 self.channels = {
                     each.id: McapChannel(_name(each.topic), _schema(each), _encoding(each), {})
@@ -287,6 +307,22 @@ class DatabaseFile:
 
 _File: TypeAlias = McapFile | DatabaseFile
 _Read = TypeVar("_Read", Message, MessageBlock)
+
+
+def _require_finished(path: Path) -> None:
+    """Refuse a database whose last messages are in a file beside it, as of a recorder that was killed.
+
+    Raises:
+        LogError: they are.
+    """
+    for beside in (path.with_name(f"{path.name}{end}") for end in ("-wal", "-journal")):
+        with contextlib.ExitStack() as opened:
+            # SQLite fills the head of one that is done with with zeros.
+            if beside.exists() and opened.enter_context(beside.open("rb")).read(8).strip(b"\0"):
+                raise LogError(
+                    f"{path} is not finished: {beside.name} holds messages of it, expected none; when nothing records "
+                    f"any more, put them into it with: sqlite3 {path} 'SELECT count(*) FROM messages'"
+                )
 
 
 def _schema(connection: Any) -> Schema:

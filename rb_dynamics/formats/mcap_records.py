@@ -338,6 +338,7 @@ class McapFile:
                     yield from self._held_messages(take)
                     self.complete = file.read(len(MAGIC)) == MAGIC
                     self._hold_statistics()
+                    self._hold_end(file)
                     return
                 elif opcode != Opcode.MESSAGE:
                     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -660,18 +661,18 @@ class McapFile:
         channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         channel = self.channels.get(channel_id)
         if channel is None:
-            self._leave_out(f"has a message on channel {channel_id}, which it does not declare")
+            self._note_damage(f"has a message on channel {channel_id}, which it does not declare")
             return None
         if log_time >= _END_OF_TIME or publish_time >= _END_OF_TIME:
-            self._leave_out(
+            self._note_damage(
                 f"has a message on {channel.topic} of log time {log_time} ns and publish time {publish_time} ns, "
                 "beyond the 2^63 ns that ROS counts to"
             )
             return None
         return Message(channel, log_time, publish_time, data[content:end])
 
-    def _leave_out(self, what: str) -> None:
-        """Note a message that cannot be read, once for several in a row; it is an error unless to salvage."""
+    def _note_damage(self, what: str) -> None:
+        """Note what cannot be read, once for several in a row; it is an error unless to salvage."""
         damage = self._damage(what)
         if not self.salvage:
             raise damage
@@ -735,10 +736,18 @@ class McapFile:
         """
         for name, said in self._statistics.items():
             if self._counts[name] != said and not self.damage:
-                damage = self._damage(f"holds {self._counts[name]} {name}, and its statistics say {said}")
-                if not self.salvage:
-                    raise damage
-                self.damage.append(str(damage))
+                self._note_damage(f"holds {self._counts[name]} {name}, and its statistics say {said}")
+
+    def _hold_end(self, file: BinaryIO) -> None:
+        """Look for more than zeros, which some disks append, after the end of a file.
+
+        Raises:
+            LogError: there is more.
+        """
+        end = file.tell()
+        if self.complete and any(part.strip(b"\0") for part in iter(lambda: file.read(2**20), b"")):
+            rest = f"tail -c +{end + 1} {self.path} > rest.mcap"
+            self._note_damage(f"goes on after its end, as files that were joined; get what follows with: {rest}")
 
     def _tell(self, name: str, said: Fact) -> None:
         if self.on_fact is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shutil
 import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
@@ -67,6 +68,45 @@ def test_bags_of_rosbag2(tmp_path: Path, storage: StoragePlugin, mode: Compressi
 def test_a_database_without_its_folder(tmp_path: Path) -> None:
     (file,) = record(tmp_path / "bag", StoragePlugin.SQLITE3).glob("*.db3")
     assert [wrench for _, wrench in read_wrenches(file, ["/wrench"])] == COMMANDS
+
+
+@pytest.mark.parametrize("mode", ["wal", "delete"])
+def test_a_database_whose_recorder_was_killed_is_refused(tmp_path: Path, mode: str) -> None:
+    """The messages in the file beside it were left out without a word, or those of half a write were read."""
+    bag, killed = record(tmp_path / "bag", StoragePlugin.SQLITE3), tmp_path / "killed"
+    (file,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file, isolation_level=None)) as connection:
+        for line in (
+            f"PRAGMA journal_mode={mode}",
+            # So that half of what is written is in the file.
+            "PRAGMA cache_size=1",
+            "BEGIN",
+            "INSERT INTO messages SELECT id + 100, topic_id, timestamp, zeroblob(5000) FROM messages",
+            *["COMMIT"] * (mode == "wal"),
+        ):
+            connection.execute(line)
+        shutil.copytree(bag, killed)
+    with pytest.raises(LogError, match=r"bag.db3 is not finished.*bag.db3 'SELECT count"):
+        read_bag(killed)
+    with contextlib.closing(sqlite3.connect(killed / file.name)) as connection:
+        connection.execute("SELECT count(*) FROM messages")
+    assert read_bag(killed).topics["/wrench"].count == (40 if mode == "wal" else 20)
+
+
+def test_a_file_of_the_bag_that_its_metadata_do_not_name_is_told(tmp_path: Path) -> None:
+    """It was left out without a word."""
+    bag = record(tmp_path / "bag", StoragePlugin.MCAP)
+    (file,) = bag.glob("*.mcap")
+    part = file.rename(bag / "bag_0.mcap")
+    (bag / "metadata.yaml").write_text((bag / "metadata.yaml").read_text().replace(file.name, part.name))
+    for other in ("bag_0_copy.mcap", "other_1.mcap"):
+        (bag / other).write_bytes(part.read_bytes())
+    assert read_bag(bag).topics["/wrench"].count == 20
+    part.with_name("bag_1.mcap").write_bytes(part.read_bytes())
+    with pytest.raises(
+        LogError, match=r"bag holds bag_1.mcap, which its metadata.yaml does not name.*; remove metadata.yaml"
+    ):
+        read_bag(bag)
 
 
 def test_split_files_without_metadata_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:

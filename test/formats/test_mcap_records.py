@@ -100,6 +100,21 @@ def test_damage_in_the_middle_comes_after_all_messages_before_it(tmp_path: Path)
     assert threading.enumerate() == before
 
 
+def test_what_follows_the_end_of_a_file_is_named(tmp_path: Path) -> None:
+    """Of two files that `cat` had joined, the second was left out without a word."""
+    path = write_rows(tmp_path / "bag.mcap", rows_of(100))
+    content = path.read_bytes()
+    path.write_bytes(content + bytes(4096))
+    assert len([*McapFile(path).messages()]) == 300
+    path.write_bytes(content + bytes(4096) + content)
+    for read_all in (McapFile.messages, McapFile.blocks):
+        with pytest.raises(LogError, match=rf"goes on after its end.*: tail -c \+{len(content) + 1} .*bag.mcap"):
+            _ = [*read_all(McapFile(path))]  # type: ignore[operator]
+    saved = McapFile(path, salvage=True)
+    assert len([*saved.messages()]) == 300
+    assert "goes on after its end" in saved.damage[0]
+
+
 def test_a_reader_that_stops_early_leaves_no_thread(tmp_path: Path) -> None:
     path = write_rows(tmp_path / "bag.mcap", rows_of(30_000), chunk_size=50_000)
     before = threading.enumerate()
