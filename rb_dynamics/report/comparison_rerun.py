@@ -12,11 +12,11 @@ import numpy as np
 from rb_dynamics.analysis.recording_differences import MOTION, UNITS, Comparison, Difference, Side
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text
 from rb_dynamics.sinks.picture_style import BLUE, CYAN, EYE, GREEN, GREY, MAGENTA, ORANGE, RED, Color
+from rb_dynamics.sinks.rerun_file import RerunFile
 from rb_dynamics.sinks.rerun_sink import SPAWN, require_viewer, sending_to, started_viewer, viewer_address
 
 if TYPE_CHECKING:
@@ -48,8 +48,6 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
         address = started_viewer()
     elif address:
         require_viewer(address)
-    else:
-        make_folder(path)
     try:
         # Without a receiver, the stream keeps all: none waits while it is computed.
         stream, layout = rr.RecordingStream("rb_dynamics compare"), _blueprint(found, _length(found))
@@ -59,11 +57,12 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
         about = rr.TextDocument(f"```\n{text.as_text(found)}\n```", media_type="text/markdown")
         stream.log("about", about, static=True)
         with sending_to(address):
+            file = None if address else RerunFile(stream, path, layout)
             if address:
                 stream.connect_grpc(address, default_blueprint=layout)
-            else:
-                stream.save(path, default_blueprint=layout)
             stream.disconnect()
+            if file is not None:
+                file.close()
     except (OSError, RuntimeError) as error:
         raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error
 

@@ -35,7 +35,6 @@ from numpy.typing import NDArray
 
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import make_folder
 from rb_dynamics.numerics.rotation import rotate
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.numerics.vector import ZERO, Vector, add, subtract
@@ -57,6 +56,7 @@ from rb_dynamics.sinks import rerun_style as style
 from rb_dynamics.sinks.picture_style import eye_above
 from rb_dynamics.sinks.rerun_blueprint import CLOSE_UP, OVERVIEW, blueprint
 from rb_dynamics.sinks.rerun_columns import Columns, gather
+from rb_dynamics.sinks.rerun_file import RerunFile
 from rb_dynamics.sinks.rerun_sensors import Readings
 from rb_dynamics.sinks.rerun_thinning import KeptSamples, Piece, Polyline, Thinner, WrenchHistory, WrenchPart
 from rb_dynamics.theory.poinsot_contact import contact
@@ -200,6 +200,7 @@ class Recorder:
     ) -> None:
         scene = run.scene
         self.path, self.address = path, address
+        self.file: RerunFile | None = None
         self.run = run
         self.batch_rows, self.follow_s = batch_rows, follow_s
         self.sent_s = time.monotonic()
@@ -232,16 +233,13 @@ class Recorder:
         """Create the file, with all that does not change."""
         import rerun as rr
 
-        if not self.address:
-            make_folder(self.path)
-            self.path.open("ab").close()  # a path that cannot be written fails here, before Rerun has anything to lose
         # A recording id of its own: two files with one id would be merged by the viewer.
         self.stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
         layout_at_start = self._blueprint(self.run.scene.duration)
         if self.address:
             self.stream.connect_grpc(self.address, default_blueprint=layout_at_start)
         else:
-            self.stream.save(self.path, default_blueprint=layout_at_start)
+            self.file = RerunFile(self.stream, self.path, layout_at_start)
         if not rr.is_enabled(self.stream):
             raise LogError(f"{self.path}: Rerun is switched off by the environment variable RERUN; unset it to log")
         self.stream.send_recording_name(Path(self.run.scene.source).name)
@@ -253,7 +251,7 @@ class Recorder:
         self.stream.log(CLOSE_UP, rr.Transform3D(scale=self.size), static=True)
         self._send_overview()
         self._send_facts({})
-        self.stream.flush()
+        self._arrive()
 
     def take(self, event: Event) -> None:
         """Take one event."""
@@ -344,8 +342,10 @@ class Recorder:
         self._send_facts(result)
         # The same layout again, now that the extent of the path and the duration are known; the last one counts.
         self.stream.send_blueprint(self._blueprint(self.time_ns * 1e-9), make_active=False, make_default=True)
-        self.stream.flush()
+        self._arrive()
         self.stream.disconnect()
+        if self.file is not None:
+            self.file.close()
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -384,8 +384,14 @@ class Recorder:
         for entity, readings in self.readings.fetch().items():
             times = _times([each.taken_ns for each in readings], [each.sample for each in readings])
             self._send_scalars(entity, times, np.array([each.numbers for each in readings]))
-        self.stream.flush()
+        self._arrive()
         self.sent_s = time.monotonic()
+
+    def _arrive(self) -> None:
+        """Wait until what was sent is in the file, or on its way to the viewer."""
+        self.stream.flush()
+        if self.file is not None:
+            self.file.check()
 
     def send_columns(self, columns: Columns) -> None:
         """Send rows to every entity that moves or is plotted."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -386,6 +387,20 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> No
 def test_a_full_disk_is_an_error_not_a_short_file() -> None:
     with pytest.raises(LogError, match="/dev/full"):
         RerunSink("/dev/full").open(RunInfo(SCENE, "rk4"))
+
+
+@pytest.mark.parametrize("times", range(5))
+def test_a_disk_that_fills_up_is_an_error_and_nothing_waits(tmp_path: Path, times: int) -> None:
+    """Rerun's own writer ends without an answer to who waits for it, mostly: the process could only be killed."""
+    resource = pytest.importorskip("resource")
+    path, (soft, hard) = tmp_path / "run.rrd", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard))
+    try:
+        with pytest.raises(LogError, match=rf"run\.rrd: .*{os.strerror(errno.EFBIG)}"):
+            simulate(replace(SCENE, duration=100.0), sinks=[RerunSink(path, batch_rows=50)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.stat().st_size == 400_000
 
 
 def test_rerun_switched_off_is_an_error_not_an_empty_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
