@@ -712,6 +712,8 @@ class McapFile:
             self.metadata[name] = facts = fields.mapping()
             self._counts["metadata records"] += 1
             self._tell(name, facts)
+        elif opcode == Opcode.CHUNK:
+            raise self._damage("has a chunk within a chunk")
         elif opcode == Opcode.STATISTICS:
             messages, _, _, attachments, records = fields.take("QHIII")
             self._statistics = {"messages": messages, "attachments": attachments, "metadata records": records}

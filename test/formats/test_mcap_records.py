@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from pathlib import Path
 
@@ -112,7 +113,23 @@ def test_what_follows_the_end_of_a_file_is_named(tmp_path: Path) -> None:
             _ = [*read_all(McapFile(path))]  # type: ignore[operator]
     saved = McapFile(path, salvage=True)
     assert len([*saved.messages()]) == 300
-    assert "goes on after its end" in saved.damage[0]
+    assert "goes on after its end" in saved.damage[-1]
+
+
+def test_a_chunk_within_a_chunk_is_damage(tmp_path: Path) -> None:
+    """Its messages were left out without a word."""
+    path = write_rows(tmp_path / "bag.mcap", rows_of(100), compression=CompressionType.NONE)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    (chunk,) = summary.chunk_indexes
+    content, end = path.read_bytes(), chunk.chunk_start_offset + chunk.chunk_length
+    inner = content[chunk.chunk_start_offset : end]
+    head = struct.pack("<QQQII", 0, 99, len(inner), 0, 0) + struct.pack("<Q", len(inner))
+    outer = struct.pack("<BQ", 6, len(head + inner)) + head + inner
+    path.write_bytes(content[: chunk.chunk_start_offset] + outer + content[end:])
+    with pytest.raises(LogError, match="a chunk within a chunk"):
+        _ = [*McapFile(path).messages()]
 
 
 def test_a_reader_that_stops_early_leaves_no_thread(tmp_path: Path) -> None:
