@@ -58,6 +58,8 @@ class ActuatorBank:
         # belongs.
         self._values = [0.0] * len(self._actuators)
         self._opened = [0] * len(self._actuators)
+        # When the command to each thruster last changed, and its level just before.
+        self._before = [(-1, 0.0)] * len(self._actuators)
         # Thrusters whose force rises or falls: the transient, and the levels between which it goes.
         self._ramps: dict[int, tuple[Transient, tuple[float, float]]] = {}
         wheels = [actuator for actuator in self._actuators if isinstance(actuator, ReactionWheel)]
@@ -199,7 +201,10 @@ class ActuatorBank:
         if value == self._values[k]:
             return []
         self.changed = True
-        was = self._level(k, edge.time_ns)
+        # Of several changes at one nanosecond only the last acts: a pulse that follows on another finds it open.
+        if self._before[k][0] != edge.time_ns:
+            self._before[k] = edge.time_ns, self._level(k, edge.time_ns)
+        _, was = self._before[k]
         self._values[k] = value
         self._ramps.pop(k, None)
         way = actuator.way(value - was)

@@ -85,6 +85,9 @@ from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 _PARTS = 100
 
+# Kind of messages that a replay cannot check.
+_REJECTED = "rejected commands, whose numbers have no effect"
+
 # Numbers of samples, of which there may be many.
 _BOOKS = {f"/{name}" for name, kind in (*SAMPLE_TOPICS, *WHEEL_TOPICS) if kind == SCALAR}
 
@@ -505,12 +508,14 @@ class _Comparison:
             self._compare_received(event)
         elif isinstance(event, ActuatorCommand):
             self._compare(self._facts.names[event.topic], event.time_ns, encode_setpoint(event.value))
+            if event.reason:
+                self._leave_out(self._facts.names[event.topic], _REJECTED)
         elif isinstance(event, Measurement):
             message = self._encode_measurement[event.topic](event, event.taken_ns)
             self._compare(self._facts.names[event.topic], event.time_ns, message)
         elif isinstance(event, RejectedWrench):
             self._compare_received(event)
-            self._leave_out(self._facts.names[event.topic], "rejected commands, whose numbers have no effect")
+            self._leave_out(self._facts.names[event.topic], _REJECTED)
         elif isinstance(event, StateChange):
             message = encode_state_change(event, self._facts.scene.frames)
             self._compare(self._facts.names[SET_STATE[0]], event.time_ns, message)

@@ -166,6 +166,16 @@ class TestRiseAndFall:
         rising = [-0.5 * 0.004 * step * step for step in (1.0 / 7.0, 11.0 / 21.0, 1.0 / 3.0)]
         assert run.sample.linear_momentum_world[0] == pytest.approx(0.5 * math.fsum(lasting + rising), abs=2e-15)
 
+    @pytest.mark.parametrize(("rise", "fall"), [(0.004, 0.0), (0.0, 0.01), (0.004, 0.01)])
+    def test_of_changes_at_one_nanosecond_only_the_last_acts(self, rise: float, fall: float) -> None:
+        """A pulse that begins where one ends finds the valve open; one that is closed at once gives no impulse."""
+        changes: dict[str, object] = {"actuators.jet.rise": rise, "actuators.jet.fall": fall}
+        scene = rb.parse_scene(JET.replace("COMMAND", "on_time"), overrides=changes)
+        commands = [(1.0, 0.1), (1.1, 0.1), (1.2, 0.1), (2.0, 0.1), (2.0, 0.0)]
+        run = rb.simulate(scene, [("jet/command", Setpoint(on, round(at * 1e9))) for at, on in commands])
+        impulse = 0.5 * (0.3 - 0.5 * rise + 0.5 * fall)
+        assert run.sample.linear_momentum_world[0] == pytest.approx(impulse, rel=1e-14)
+
     def test_edges_fall_on_their_nanosecond_and_the_log_shows_what_acts(self, tmp_path: Path) -> None:
         shorter: dict[str, object] = {"duration": 0.2, "output_rate": 1000.0}
         scene = rb.parse_scene(JET.replace("COMMAND", "level"), overrides=shorter)
