@@ -102,7 +102,7 @@ def _taken(found: Trade) -> list[str]:
         )
     elif found.trial_s < found.whole:
         said.append(f"It was run to the end for that: the error is the one after all {found.whole:g} s.")
-    return said
+    return said + [f"{doubt[0].upper()}{doubt[1:]}." for doubt in found.doubts]
 
 
 def _would_do(found: Trade) -> str:

@@ -22,6 +22,7 @@ import argparse
 import math
 import re
 import sys
+import textwrap
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene_arguments import add_scene, add_wrench, listed, read_with_commands
@@ -137,6 +138,7 @@ def as_text(found: Trade) -> str:
             f"            {found.recommended.reason}",
             f"            error {error}, {speed}",
             *end,
+            *(f"            {line}" for doubt in found.doubts for line in textwrap.wrap(doubt, 108)),
         ]
     return "\n".join(lines)
 

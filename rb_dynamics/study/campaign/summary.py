@@ -88,7 +88,8 @@ class MetricSummary:
         quantiles: of the values and of those that never were one; infinite where they are.
         worst: the worst run; None if no run has a value, or never met a condition.
         sensitivity: rank correlation with each input, strongest first.
-        either_way: rank correlation with the distance of each input from its median, in ranks, strongest first.
+        either_way: rank correlation with the distance of each input from its median, in ranks, strongest first; of an
+            input with few different values, with the part of it that the input itself does not explain.
         echoes: inputs of both lists that only follow a stronger one: in these runs they correlate with it beyond
             chance, and with the metric no more than that explains; each with the name of the stronger input and that
             correlation.
@@ -170,7 +171,9 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
     # A run that could not be completed says nothing of a metric.
     flown = np.array([not error for error in rows["error"]], dtype=np.bool_)
     ranks = {each.name: _ranks(rows[each.name][flown]) for each in campaign.inputs} if flown.any() else {}
-    ranks |= {name + EITHER_WAY: _ranks(abs(each - each.mean())) for name, each in ranks.items()}
+    # Of two values, the distance from the median says what the input says.
+    folded = {name: each for name, each in ranks.items() if len(np.unique(each)) > 2}
+    ranks |= {name + EITHER_WAY: _beside(each, _ranks(abs(each - each.mean()))) for name, each in folded.items()}
     noise = min(1.0, 1.96 / math.sqrt(max(1, int(np.count_nonzero(flown)) - 1)))
     errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
     return CampaignSummary(
@@ -329,6 +332,13 @@ def _correlation(a: Numbers, b: Numbers) -> float:
     da, db = a - a.mean(), b - b.mean()
     size = math.sqrt(float((da * da).sum()) * float((db * db).sum()))
     return float((da * db).sum()) / size if size > 0.0 else 0.0
+
+
+def _beside(a: Numbers, b: Numbers) -> Numbers:
+    """Return `b` without its linear dependence on `a`, which few different values of an input cause."""
+    da = a - a.mean()
+    rest: Numbers = b - da * (float((da * b).sum()) / float((da * da).sum()))
+    return rest
 
 
 def _finite(value: Any) -> Any:

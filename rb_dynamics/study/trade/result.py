@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from statistics import median
 
 from rb_dynamics.scene.model import Solver
+from rb_dynamics.study.trade.refinement import TIME_IS_UP
 
 USELESS = 1e-3
 """If the two methods of a reference differ by more (rad, or relative to the path), it cannot be used."""
@@ -44,6 +46,8 @@ class TradeRow:
         front: whether no other row is at least as fast and as accurate and better in one of the two, and the error is
             at most `HOPELESS`. A row of "auto" that made the same run as another row is left out: which was faster is
             chance.
+        time_spread: how much longer the median of its runs without outputs took than the fastest, which counts,
+            relative to that; None if it was run once.
     """
 
     method: str
@@ -64,6 +68,7 @@ class TradeRow:
     evaluations: int | None
     compiled: bool
     front: bool = False
+    time_spread: float | None = None
 
     @property
     def setting(self) -> str:
@@ -214,6 +219,54 @@ class Trade:
         return tuple(sorted((row for row in self.rows if row.front), key=lambda row: row.time_per_s))
 
     @property
+    def time_spread(self) -> float:
+        """How much longer a run took than the fastest of the same setting, relative: the median over all rows."""
+        known = [row.time_spread for row in self.rows if row.time_spread is not None]
+        return median(known) if known else 0.0
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What the measured times and the measuring time leave open about the recommendation, as text."""
+        if self.recommended is None:
+            return ()
+        taken, said = self.recommended.row, []
+        spread = max(self.time_spread, taken.time_spread or 0.0)
+        slower = (1.0 + spread) * taken.time_per_s
+        if self.budget is not None:
+            if slower * self.budget > 1.0:
+                said.append(f"its time varies by {spread:.0%} from run to run, so it may miss the budget")
+        else:
+            most = self.target or 0.0
+            # Over the whole scene, only the recommended row is known to reach the target.
+            most = most if self.trial_s == self.whole else min(most, taken.error)
+            close: dict[str, TradeRow] = {}
+            for row in sorted(_apart(self.rows), key=lambda row: row.time_per_s):
+                if row != taken and row.error <= most and taken.time_per_s <= row.time_per_s <= slower:
+                    close.setdefault(row.method, row)
+            if close:
+                named = "; ".join(f"{row.method}, {row.setting}" for row in close.values())
+                said.append(f"times vary by {spread:.0%} from run to run, so these may be as fast: {named}")
+        if late := self._out_of_time():
+            said.append(
+                f"no time to reach the {'budget' if self.budget else 'target'} with {', '.join(late)}: "
+                "a better setting may be among theirs; more time (--time) tells"
+            )
+        return tuple(said)
+
+    def _out_of_time(self) -> list[str]:
+        """Return the methods whose time was up before they met the target, or left the budget."""
+        found = []
+        for method, why in self.ended.items():
+            rows = [row for row in self.rows if row.method == method]
+            if self.budget is not None:
+                met = any(row.real_time_factor < self.budget for row in rows)
+            else:
+                met = any(row.error <= (self.target or 0.0) for row in rows)
+            if why == TIME_IS_UP and not met:
+                found.append(method)
+        return found
+
+    @property
     def shortfall(self) -> str:
         """Why nothing is recommended, and what to do; "" if something is."""
         reference = self.reference
@@ -262,8 +315,8 @@ class Trade:
         )
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields by name."""
-        return asdict(self)
+        """Return the fields by name, and the doubts."""
+        return {**asdict(self), "doubts": self.doubts}
 
 
 def with_front(rows: Sequence[TradeRow]) -> tuple[TradeRow, ...]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
+from statistics import median
 
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.closed_form import EXACT
@@ -47,12 +49,16 @@ class WorkPrecision:
         run = self._trial.run(solver, tally, limit)
         if run is None:
             return math.inf, TIME_IS_UP
-        best, is_short = run.time, run.time < min(_SHORT, limit / _REPEATS)
-        for _ in range(_REPEATS - 1 if is_short else int(run.compiled)):
-            again = self._trial.run(solver, self._trial.as_the_whole(tally.used), parts=1)
-            best = min(best, again.time if again else math.inf)
+        is_short = run.time < min(_SHORT, limit / _REPEATS)
+        repeats = _REPEATS - 1 if is_short else int(run.compiled)
+        again = [self._trial.run(solver, self._trial.as_the_whole(tally.used), parts=1) for _ in range(repeats)]
+        times = [each.time for each in (run, *again) if each]
+        best = min(times)
         bare = best / self._trial.seconds
-        row = self._row(solver, run, bare, self._trial.time_with_outputs(solver, tally.used, bare))
+        row = replace(
+            self._row(solver, run, bare, self._trial.time_with_outputs(solver, tally.used, bare)),
+            time_spread=median(times) / best - 1.0 if len(times) > 1 else None,
+        )
         # A setting that gives the same steps as the one before has no row.
         if not rows or _run(rows[-1]) != _run(row):
             rows.append(row)

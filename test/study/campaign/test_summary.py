@@ -129,6 +129,28 @@ def test_what_depends_on_an_input_whatever_its_sign_is_found(tmp_path: Path) -> 
     json.dumps(summary.as_dict(), allow_nan=False)
 
 
+@pytest.mark.parametrize("values", [[1.0, 2.0], [1.0, 1.0, 2.0], [1.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0, 3.0]])
+def test_an_input_of_few_values_is_not_compared_with_itself(tmp_path: Path, values: list[float]) -> None:
+    """Of two values, the distance from the median is the input again; it was told apart from itself at -1.00."""
+    campaign, rows = by_its_inputs(tmp_path, 512)
+    rows["body.mass"] = np.resize(values, 512)
+    rows["final_rate"] = rows["body.mass"] + 0.1 * stats.zscore(rows["control.parameters.gain"])
+    final = summarise(campaign, rows).metrics[0]
+
+    assert final.drivers[0] == ("body.mass", pytest.approx(1.0, abs=0.2))
+    assert "body.mass either way" not in [name for name, value in final.drivers if abs(value) > 0.1]
+    assert not [echo for echo in final.echoes if echo[0].startswith("body.mass")]
+    assert ("body.mass" in dict(final.either_way)) is (len(set(values)) > 2)
+
+
+def test_a_dependence_either_way_on_an_input_of_few_values_is_found(tmp_path: Path) -> None:
+    campaign, rows = by_its_inputs(tmp_path, 512)
+    mass = rows["body.mass"] = np.resize([1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 3.0], 512)
+    rows["final_rate"] = abs(mass - 2.0)
+    final = summarise(campaign, rows).metrics[0]
+    assert final.drivers[0][0] == "body.mass either way"
+
+
 def test_what_keeps_runs_from_being_completed_drives_no_metric(tmp_path: Path) -> None:
     campaign, rows = by_its_inputs(tmp_path, 512)
     spin, mass = rows["initial.angular_velocity_body[0]"], rows["body.mass"]

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rb_dynamics.scene.read import parse_scene
+from rb_dynamics.study.trade.refinement import TIME_IS_UP
 from rb_dynamics.study.trade.result import HOPELESS, Reference, Trade, TradeRow, recommend, with_front
 
 BODY = "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\n"
@@ -100,6 +101,31 @@ def test_a_run_that_is_fast_enough_but_not_known_to_the_end_is_not_called_too_sl
     found = Trade("scene.yaml", 1.0, reference, (row(1e-6, 1e-12),), None, None, 10.0, {}, {}, (), 9.0, None)
     assert "at 10 times real time or faster is known to follow the motion for all 9 s" in found.shortfall
     assert "the fastest that does at 1e+06" in replace(found, budget=1e7).shortfall
+
+
+def test_what_the_times_do_not_tell_apart_is_said() -> None:
+    """On a busy machine each trade recommended another setting, with no word of doubt."""
+    reference = Reference("taylor", "dop853", 0.0, 0.0, 0.0, 0.0, 1.0)
+    rows = (
+        replace(row(1.0e-3, 1e-7), time_spread=0.2),
+        replace(row(1.1e-3, 1e-8), step=0.05, time_spread=0.2),
+        replace(row(1.15e-3, 1e-9, "dverk"), time_spread=0.2),
+        replace(row(1.19e-3, 1e-3, "cf4"), time_spread=0.1),
+        replace(row(1.3e-3, 1e-9, "dop853"), time_spread=None),
+    )
+    late = {"rk4": "its finest setting", "dverk": TIME_IS_UP, "cf4": TIME_IS_UP, "radau": TIME_IS_UP}
+
+    def doubts(target: float | None, budget: float | None) -> tuple[str, ...]:
+        taken = recommend(rows, target, budget)
+        return Trade("scene.yaml", 1.0, reference, rows, taken, target, budget, late, {}, (), 1.0, None).doubts
+
+    assert doubts(1e-6, None) == (
+        "times vary by 20% from run to run, so these may be as fast: rk4, step 0.05 s; dverk, step 0.1 s",
+        "no time to reach the target with cf4, radau: a better setting may be among theirs; more time (--time) tells",
+    )
+    assert doubts(None, 800.0)[0] == "its time varies by 20% from run to run, so it may miss the budget"
+    assert not any("budget" in doubt for doubt in doubts(None, 100.0)[:-1])
+    assert doubts(1e-12, None) == ()
 
 
 @pytest.mark.parametrize(
