@@ -56,6 +56,8 @@ _FEWEST = 4
 _MOST = 1001
 # Part of a radian, or of the motion, by which the derivatives' flight may be off the run.
 _OFF = 1e-3
+# Spread (rad, or relative to the extent of the flight) below which it is linear, or only rounding.
+_NONE = 1e-9
 # Departure from the linear growth that is called too much.
 _BENT = 0.1
 _KINDS = (ATTITUDE, RATES, POSITION, VELOCITY)
@@ -295,7 +297,7 @@ def _departure(
 ) -> tuple[float, int | None]:
     """Return the largest departure from linear growth, and the last output before it is too much."""
     worst = np.zeros(len(growth))
-    for rows in (slice(0, 3), slice(6, 9)):
+    for rows, scale in ((slice(0, 3), 1.0), (slice(6, 9), model.starts[0].extent)):
         last = growth[-1, rows]
         values, axes = np.linalg.eigh(last @ matrix @ last.T)
         if values[-1] <= 0.0:
@@ -303,6 +305,8 @@ def _departure(
         change = matrix @ last.T @ axes[:, -1] / math.sqrt(values[-1])
         straight = growth[:, rows] @ change
         size = np.linalg.norm(straight, axis=1)
+        if size.max() <= _NONE * scale:
+            continue
         floor = 1e-3 * float(size.max())
         for sign in (1.0, -1.0):
             moved = _moved(model, z, by, sign * change)

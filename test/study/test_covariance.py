@@ -174,6 +174,18 @@ def test_what_is_not_linear_is_said(log: Path, tmp_path: Path, capsys: pytest.Ca
     assert "NOT LINEAR from t = " in capsys.readouterr().out
 
 
+def test_rounding_in_what_does_not_depend_on_a_number_is_no_departure(tmp_path: Path) -> None:
+    """The mass does not turn a body: its spread in attitude was rounding, and called not linear from 0 s on."""
+    text = SCENE.replace("push, timeout: 0.5", "push, timeout: 0.5, delay: 0.05").replace("1.0\noutput", "4.0\noutput")
+    drag = "{type: quadratic_drag, translation: [0.1, 0.2, 0.3], rotation: 0.02, medium_velocity_world: [0.5, 0, 0]}"
+    buoyancy = "{type: buoyancy, volume: 0.003, density: 1000, acceleration_world: [0, 0, -9.8]}"
+    text = text.replace("{type: linear_drag", f"{drag}\n  - {buoyancy}\n  - {{type: linear_drag")
+    rb.simulate(rb.parse_scene(text), commands(), [McapSink(tmp_path / "run.mcap")])
+    found = rb.covariance(tmp_path / "run.mcap", {"mass": 0.01})
+    assert found.largest("attitude").max() < 1e-12
+    assert (found.departure < 0.01, found.linear_until_ns) == (True, None)
+
+
 def fit(path: Path, names: list[str], matrix: Any) -> Path:
     """Write what `identify --json` prints of these numbers; NaN is not known."""
     errors = np.sqrt(np.diagonal(matrix)).tolist()
