@@ -99,7 +99,8 @@ def encode(pictures: Sequence[Picture]) -> str:
 
     def plain(plot: Plot) -> dict[str, Any]:
         curves = [{**vars(curve), "points": [place(each) for each in curve.points]} for curve in plot.curves]
-        return {**vars(plot), "curves": curves}
+        # plotly takes the text of an axis for markup.
+        return {**vars(plot), "curves": curves, "axes": [each.replace("<", "&lt;") for each in plot.axes]}
 
     figures = [{"columns": each.columns, "plots": [plain(plot) for plot in each.plots()]} for each in pictures]
     # ASCII: characters that a page must not hold are escaped.

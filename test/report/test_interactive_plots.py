@@ -69,6 +69,14 @@ def test_names_are_no_markup(text: str) -> None:
     assert json.loads(encoded)["figures"][0]["plots"][0]["title"] == text
 
 
+def test_the_name_of_a_metric_is_no_markup_at_an_axis() -> None:
+    picture = interactive_plots.Picture("", lambda: [interactive_plots.Plot("", [], ["r<b>te</b>", "s"])])
+    assert json.loads(interactive_plots.encode([picture]))["figures"][0]["plots"][0]["axes"] == [
+        "r&lt;b>te&lt;/b>",
+        "s",
+    ]
+
+
 def test_figures_of_a_campaign_can_be_read() -> None:
     values = np.linspace(1.0, 2.0, 40)
     passed = values < 1.8
