@@ -58,7 +58,11 @@ def checks(
     done += [one_recording(track)] if track.bag.boundaries else []
     motion = _motion(track)
     done += [_whole(series, track) for series in motion]
-    done += [_unread(topic) for topic in _damaged(track) if topic.name not in {series.topic for series in motion}]
+    done += [
+        unread(topic.name, topic.unread)
+        for topic in _damaged(track)
+        if topic.name not in {series.topic for series in motion}
+    ]
     done += [
         Check(f"{steps.topic} is one stream", False, steps.disorder.told(track.zero_ns))
         for steps in track.wrenches
@@ -139,7 +143,7 @@ def _whole(series: TimeSeries, track: Track) -> Check:
         of = f"{unusable} of {series.count} messages"
         return Check(name, False, f"{of} have a number that is not finite or too large")
     if lost:
-        return _unread(lost[0])
+        return unread(lost[0].name, lost[0].unread)
     begin = track.zero_ns
     parts = [each for each in track.motion if each.topic == series.topic]
     spikes = [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
@@ -173,8 +177,9 @@ def _damaged(track: Track) -> list[Topic]:
     return [topic for _, topic in sorted(track.bag.topics.items()) if topic.damaged]
 
 
-def _unread(topic: Topic) -> Check:
-    return Check(f"{topic.name} is whole", False, topic.unread)
+def unread(topic: str, words: str) -> Check:
+    """Return that messages of a topic cannot be read, how many as `words` say."""
+    return Check(f"{topic} is whole", False, words)
 
 
 def _late(series: TimeSeries, track: Track) -> str:

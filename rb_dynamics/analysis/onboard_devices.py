@@ -16,10 +16,10 @@ from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.message_types import JOINTS
-from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.formats.topic_messages import Topic, unread_words
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
-from rb_dynamics.logs.messages import WHEELS
+from rb_dynamics.logs.messages import WHEELS, encode_wheels
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.rotation_arrays import rotations_between
 from rb_dynamics.numerics.vector import Vector
@@ -160,12 +160,15 @@ class Onboard:
         actuators: their commands, of those to which some came.
         sensors: their errors, of those that can be compared.
         topics: what each topic is used for, by its name in the log.
+        damaged: how many of a topic's messages only this reading found damaged and left out, as text, by its name in
+            the log.
     """
 
     wheels: tuple[WheelSpeeds, ...] = ()
     actuators: tuple[ActuatorUse, ...] = ()
     sensors: tuple[SensorErrors, ...] = ()
     topics: Mapping[str, str] = field(default_factory=dict)
+    damaged: Mapping[str, str] = field(default_factory=dict)
 
     def warnings(self) -> list[str]:
         """Return what a user should look at, in full sentences."""
@@ -188,7 +191,9 @@ def onboard(track: Track) -> Onboard:
         return Onboard()
     called = track.bag.called
     wanted = [*(each.topic for each in scene.actuators), *(each.name for each in scene.sensors), WHEELS[0]]
-    found = _numbers(track, {called(name): name for name in wanted})
+    found, damaged = _numbers(track, scene, {called(name): name for name in wanted})
+    # `read_bag` has told of those that it reads too.
+    told = {topic.name for topic in track.bag.topics.values() if topic.damaged}
     uses = {each.topic: "command" for each in scene.actuators} | {each.name: "sensor" for each in scene.sensors}
     return Onboard(
         tuple(_wheels(scene.wheels, *found[WHEELS[0]])) if WHEELS[0] in found else (),
@@ -200,6 +205,7 @@ def onboard(track: Track) -> Onboard:
             for part in _errors(track, scene, each, *found[each.name])
         ),
         {called(name): use for name, use in (uses | {WHEELS[0]: "wheel speeds"}).items() if name in found},
+        {called(name): words for name, words in damaged.items() if called(name) not in told},
     )
 
 
@@ -212,10 +218,19 @@ def pointing_error(track: Track, target_xyzw: Quaternion) -> TimeSeries | None:
     return TimeSeries(track.pose.topic, track.pose.time_ns, np.linalg.norm(turn, axis=1))
 
 
-def _numbers(track: Track, wanted: Mapping[str, str]) -> dict[str, tuple[Times, Array]]:
-    """Return times (ns) and rows of numbers of the topics `wanted`, by the name that the scene has for each."""
+def _numbers(
+    track: Track, scene: Scene, wanted: Mapping[str, str]
+) -> tuple[dict[str, tuple[Times, Array]], dict[str, str]]:
+    """Return times (ns) and rows of numbers of the topics `wanted`, by the name that the scene has for each.
+
+    Damaged messages are left out; the second mapping says how many of which topic.
+    """
     topics: dict[str, Topic] = {}
     speeds: list[tuple[Times, Array]] = []
+    count, lost = 0, list[int]()
+    model = encode_wheels(scene, 0, [0.0] * len(scene.wheels))
+    stamps, places = cdr.places(JOINTS, model)
+    same = np.delete(np.arange(len(model)), [at + k for at in (*stamps, *places) for k in range(8)])
     for block in open_source(track.bag.path).blocks():
         kind, name = block.channel.type_name, wanted.get(block.channel.topic)
         if name is None:
@@ -224,10 +239,16 @@ def _numbers(track: Track, wanted: Mapping[str, str]) -> dict[str, tuple[Times, 
             runs = tuple(place for place, part in enumerate(cdr.LAYOUTS[kind]) if isinstance(part, int))
             topics.setdefault(name, Topic(name, kind, bears=True, fields=runs)).take(block)
             continue
+        begin = 0
         for messages in block.rows():
-            _, places = cdr.places(kind, messages[0].tobytes())
-            columns = [messages[:, at : at + 8].copy().view("<f8") for at in places]
-            speeds.append((block.log_times, np.hstack(columns)))
+            times, begin = block.log_times[begin : begin + len(messages)], begin + len(messages)
+            whole = np.zeros(len(messages), dtype=bool)
+            if messages.shape[1] == len(model):
+                whole = (messages[:, same] == np.frombuffer(model, np.uint8)[same]).all(axis=1)
+                columns = [messages[whole, at : at + 8].copy().view("<f8") for at in places]
+                speeds.append((times[whole], np.hstack(columns)))
+            lost += (count + np.flatnonzero(~whole)).tolist()
+            count += len(messages)
     found = {name: (topic.stamps, topic.numbers) for name, topic in topics.items()}
     if speeds:
         found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))
@@ -235,7 +256,9 @@ def _numbers(track: Track, wanted: Mapping[str, str]) -> dict[str, tuple[Times, 
     for name, (times, rows) in found.items():
         kept = (times >= first_ns) & (times <= last_ns) & np.isfinite(rows).all(axis=1)
         found[name] = times[kept], rows[kept]
-    return {name: (times, rows) for name, (times, rows) in found.items() if len(times)}
+    damaged = {name: topic.unread for name, topic in topics.items() if topic.damaged}
+    damaged |= {WHEELS[0]: unread_words(len(lost), count, lost[0])} if lost else {}
+    return {name: (times, rows) for name, (times, rows) in found.items() if len(times)}, damaged
 
 
 def _wheels(wheels: Iterable[ReactionWheel], times: Times, rows: Array) -> Iterator[WheelSpeeds]:

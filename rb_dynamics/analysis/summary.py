@@ -14,7 +14,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording
+from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording, unread
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity
@@ -235,6 +235,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         momenta_from=track.momenta_from,
         checks=(
             *checks(track, found, bound, steady, agreed),
+            *(unread(topic, words) for topic, words in used.damaged.items()),
             *self_consistency(track),
             *_explained(left),
             *_not_judged(track, unsure or track.unrecorded or (_fitted_instead(track) if left is None else "")),

@@ -5,7 +5,7 @@ Log, node and replay all use this encoder. Must not import ROS or touch a file.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
@@ -140,6 +140,12 @@ def encode_applied(event: AppliedWrench) -> bytes:
     return pack(*split_stamp(event.time_ns), *event.force, *event.torque)
 
 
+def encode_wheels(scene: Scene, time_ns: int, speeds: Sequence[float]) -> bytes:
+    """Return a JointState of the speeds (rad/s) of the scene's reaction wheels."""
+    names = [(wheel.name,) for wheel in scene.wheels]
+    return cdr.encode(types.JOINTS, time_ns, "", names, [], [((speed,),) for speed in speeds], [])
+
+
 def encode_received(command: Wrench) -> bytes:
     """Return the message of a command, to the byte if it was received as one; its stamp may be of any clock."""
     if command.message is not None:
@@ -272,11 +278,10 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
         "/tf": lambda s: pack_transform(*s.stamp, s.pose),
         POTENTIAL[0]: lambda s: pack_scalar(s.sample.potential_energy),
     }
-    if names := [(wheel.name,) for wheel in scene.wheels]:
+    if scene.wheels:
 
         def pack_wheels(s: Stamped) -> bytes:
-            speeds = [((speed,),) for speed in s.sample.wheel_speeds or ()]
-            return cdr.encode(types.JOINTS, s.stamp[0] * NANOSECONDS + s.stamp[1], "", names, [], speeds, [])
+            return encode_wheels(scene, s.stamp[0] * NANOSECONDS + s.stamp[1], s.sample.wheel_speeds or ())
 
         energies: tuple[Callable[[Stamped], bytes], ...] = (
             lambda s: pack_scalar(s.sample.motor_work),

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from edited_logs import edited
 from recorded_runs import fly
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.onboard_devices import Onboard
 from rb_dynamics.cli import main
+from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.report.html import write_html
 from rb_dynamics.report.inspection_text import as_text
@@ -125,6 +127,28 @@ def test_errors_of_sensors_are_those_of_the_scene(log: Path) -> None:
     for exact in (found["sun", "direction"], found["camera", "position_world"], found["camera", "orientation_xyzw"]):
         assert exact.compared > 10
         assert np.abs(exact.errors).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("topic", "at"), [("/wheels", 12), ("/wheels", 20), ("/wheels", 24), ("/imu", 12), ("/jet/command", None)]
+)
+def test_a_damaged_message_is_left_out_and_told(log: Path, tmp_path: Path, topic: str, at: int | None) -> None:
+    """Damage in the length of a name ended the whole inspection with a traceback."""
+    count = sum(message.channel.topic == topic for message in McapFile(log).messages())
+    left = [True]
+
+    def damaged(message: Message) -> Message:
+        if message.channel.topic != topic or not (left and left.pop()):
+            return message
+        data = message.data
+        return message._replace(data=data[:6] if at is None else data[:at] + b"\xff" * 4 + data[at + 4 :])
+
+    found = rb.inspect(edited(log, tmp_path / "damaged.mcap", damaged))
+    (check,) = (each for each in found.summary.checks if each.name == f"{topic} is whole")
+    assert not check.passed
+    assert f"1 of {count} messages are cut short or damaged" in check.detail
+    if topic == "/wheels":
+        assert found.summary.onboard.wheels[0].last == pytest.approx(-60.0)
 
 
 def test_a_window_and_a_target(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
