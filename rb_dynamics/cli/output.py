@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     import argparse
 
-    from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
     from rb_dynamics.report.html import Report
     from rb_dynamics.run.simulation import Run
@@ -185,18 +184,6 @@ def note_remarks(scene: Scene) -> None:
     from rb_dynamics.run.scene_remarks import scene_remarks
 
     for remark in scene_remarks(scene):
-        note(remark)
-
-
-def note_run(run: Run, scene: Scene, commands: RecordedWrenches | list[tuple[str, Wrench]]) -> None:
-    """Note on stderr what came near its limit, and commands that come too slowly, by the first of them."""
-    from rb_dynamics.numerics.vector import norm
-    from rb_dynamics.run.scene_remarks import command_remarks
-
-    one_by_one, first = (commands, []) if isinstance(commands, list) else (commands.setpoints, commands.first_stamps)
-    first += ((topic, command.stamp_ns) for topic, command in one_by_one)
-    rate = max(norm(scene.initial.angular_velocity_body), norm(run.sample.angular_velocity_body))
-    for remark in (*run.remarks, *command_remarks(first, rate)):
         note(remark)
 
 

@@ -198,8 +198,9 @@ class RigidBodyNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         self.get_logger().info(self._introduction())
-        for remark in scene_remarks(self._settings.scene):
-            self.get_logger().warning(remark)
+        # A condition, as it holds after a reset, too; the log says each in a line of its own.
+        for place, remark in enumerate(scene_remarks(self._settings.scene)):
+            self._health.holds(f"scene {place}", remark)
 
     def _ros_now(self) -> int:
         return int(self.get_clock().now().nanoseconds)

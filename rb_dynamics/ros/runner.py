@@ -20,7 +20,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, seconds_text
 from rb_dynamics.ros.command_statistics import Arrival, Arrivals
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
-from rb_dynamics.run.scene_remarks import STREAM, TURN_SEEN, too_slow
+from rb_dynamics.run.scene_remarks import STREAM, nutation_rate, too_slow
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Epoch, Latency, Sink, StateChange
 from rb_dynamics.scene import parse_scene
@@ -123,6 +123,7 @@ class Runner:
         A wait for commands or a clock is reported once.
         """
         self.health.hold_wheels(self.simulation)
+        self._nutation = nutation_rate(self.simulation.scene, self.simulation.sample)
         if isinstance(self.pacer, Pacer) and self.paced:
             self.pacer.correct()
         wait = ""
@@ -462,13 +463,13 @@ class Runner:
             self.health.clipped(topic)
 
     def _pace(self, topic: str, time_ns: int) -> None:
-        """Warn of a stream of commands, the newest at `time_ns`, that is slower than the body turns."""
+        """Warn of a stream of commands, the newest at `time_ns`, that is slower than the body turns or nutates."""
         last_ns, slow = self._paces.get(topic, (time_ns, 0))
-        turn = self.simulation.rate * (time_ns - last_ns) / NANOSECONDS
-        slow = slow + 1 if turn > TURN_SEEN else 0
+        remarks = too_slow(topic, self.simulation.rate, self._nutation, (time_ns - last_ns) / NANOSECONDS)
+        slow = slow + 1 if remarks else 0
         self._paces[topic] = time_ns, slow
         if slow == STREAM:
-            self.health.warn(too_slow(topic, turn))
+            self.health.warn(remarks[0])
 
     def fail(self, message: str) -> None:
         """Pause because of an error."""
@@ -505,8 +506,9 @@ class Runner:
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
         self._latest_ns = dict.fromkeys((*self._topics, *(each.topic for each in self._scene.actuators)), 0)
         self._arrivals = {topic: Arrivals() for topic in self._topics}
-        # Time of the newest command, and how many in a row came too late for how fast the body turns.
+        # Time of the newest command, and how many in a row came too late for how fast the body turns or nutates, rad/s.
         self._paces: dict[str, tuple[int, int]] = {}
+        self._nutation = nutation_rate(self.simulation.scene, self.simulation.sample)
         # Time to advance to, and how much to compute before checking the clock.
         self._goal_ns = 0
         self.steps_left = 0

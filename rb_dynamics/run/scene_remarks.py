@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
 from rb_dynamics.loads.wheel_set import shares
+from rb_dynamics.loads.wrench_command_arrays import Wrenches
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import dot, norm
-from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.sample import Sample
+from rb_dynamics.run.simulation import Batches, Simulation
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -36,17 +38,22 @@ TURN_SEEN = 0.5
 STREAM = 5
 """Least number of commands of a topic that count as a stream."""
 
+# Number of commands of a list that are looked at.
+_FIRST = 100
+
 
 def scene_remarks(scene: Scene) -> list[str]:
     """Return the remarks; empty for most scenes."""
     return [*_wheels_too_full(scene), *_sensors_too_slow(scene), *_steps_too_long(scene), *_field_too_old(scene)]
 
 
-def command_remarks(commands: Iterable[tuple[str, int]], rate: float) -> list[str]:
-    """Return which streams of commands are slower than a body that turns with `rate` (rad/s); none if all keep up.
+def command_remarks(commands: Iterable[tuple[str, int]], scene: Scene, end: Sample) -> list[str]:
+    """Return which streams of commands are slower than the body of a run that came to `end`; none if all keep up.
 
     Of each command, `commands` has topic and stamp (ns).
     """
+    rate = max(norm(scene.initial.angular_velocity_body), norm(end.angular_velocity_body))
+    nutation = nutation_rate(scene, end)
     stamps: dict[str, list[int]] = {}
     for topic, stamp_ns in commands:
         stamps.setdefault(topic, []).append(stamp_ns)
@@ -54,17 +61,32 @@ def command_remarks(commands: Iterable[tuple[str, int]], rate: float) -> list[st
     for topic, times in stamps.items():
         if len(times) >= STREAM:
             period_s = median(b - a for a, b in pairwise(sorted(times))) / NANOSECONDS
-            if rate * period_s > TURN_SEEN:
-                found.append(too_slow(topic, rate * period_s))
+            found += too_slow(topic, rate, nutation, period_s)
     return found
 
 
-def too_slow(topic: str, turn: float) -> str:
-    """Return the remark on commands between which a body turns by `turn` rad."""
-    return (
-        f"{topic}: the body turns by {turn:.2g} rad from one command to the next, while the last is held; if a "
+def too_slow(topic: str, rate: float, nutation: float, period_s: float) -> list[str]:
+    """Return the remark on commands between which a body turns or nutates (rad/s) too far; none if not."""
+    turn, moves = max((rate * period_s, "turns"), (nutation * period_s, "nutates"))
+    found = (
+        f"{topic}: the body {moves} by {turn:.2g} rad from one command to the next, while the last is held; if a "
         "controller sends them, raise its rate"
     )
+    return [found] if turn > TURN_SEEN else []
+
+
+def first_stamps(commands: object) -> list[tuple[str, int]]:
+    """Return topic and stamp (ns) of the first commands that `simulate` is given; none of an iterator."""
+    if hasattr(commands, "batches"):
+        recorded = cast("Batches", commands)
+        return [*recorded.first_stamps, *((topic, each.stamp_ns) for topic, each in recorded.setpoints)]
+    if not isinstance(commands, Sequence):
+        return []
+    found: list[tuple[str, int]] = []
+    for topic, each in commands[:_FIRST]:
+        stamps_ns = cast("Numbers", each.stamp_ns)[:_FIRST].tolist() if isinstance(each, Wrenches) else [each.stamp_ns]
+        found += ((topic, int(stamp_ns)) for stamp_ns in stamps_ns)
+    return found
 
 
 def _wheels_too_full(scene: Scene) -> list[str]:
@@ -92,7 +114,7 @@ def _sensors_too_slow(scene: Scene) -> list[str]:
     if not scene.sensors:
         return []
     rate, moves, why = norm(scene.initial.angular_velocity_body), "turns", "at its initial rate"
-    if (nutation := _nutation_rate(scene)) > rate:
+    if (nutation := nutation_rate(scene)) > rate:
         rate, moves, why = nutation, "nutates", "with the momentum of its wheels and rotors"
     return [
         f"{sensor.name}: the body {moves} by {rate / sensor.rate:.2g} rad from one message to the next {why}, too far "
@@ -102,13 +124,16 @@ def _sensors_too_slow(scene: Scene) -> list[str]:
     ]
 
 
-def _nutation_rate(scene: Scene) -> float:
-    """Return how fast small motion about rest nutates, rad/s; 0 without wheels and rotors that turn."""
+def nutation_rate(scene: Scene, at: Sample | None = None) -> float:
+    """Return how fast small motion about rest nutates, rad/s; 0 without wheels and rotors that turn.
+
+    With the momentum of wheels and rotors in the sample `at`, or at the start.
+    """
     if not has_momentum_inside(scene):
         return 0.0
     import numpy as np
 
-    _, _, turning = gyrostat(scene)
+    _, _, turning = gyrostat(scene, at)
     return float(np.abs(np.linalg.eigvals(turning)).max())
 
 
@@ -117,17 +142,20 @@ def has_momentum_inside(scene: Scene) -> bool:
     return bool(scene.wheels) or scene.combined_effects.storing() is not None
 
 
-def gyrostat(scene: Scene) -> tuple[Numbers, Numbers, Numbers]:
-    """Return the linear model of a body with wheels and rotors, in body axes and with their speeds at the start.
+def gyrostat(scene: Scene, at: Sample | None = None) -> tuple[Numbers, Numbers, Numbers]:
+    """Return the linear model of a body with wheels and rotors, in body axes and with their speeds in the sample `at`.
+
+    Without one, with those at the start.
 
     The momentum h of the wheels and rotors (N m s), the inverse of the inertia without the wheels about their axes, and
     A of small motion about rest, w' = A w = I^-1 (h x w).
     """
     import numpy as np
 
-    whole = rotate_inverse(scene.initial.orientation_xyzw, Simulation(scene).sample.angular_momentum_world)
+    at = at or Simulation(scene).sample
+    whole = rotate_inverse(at.orientation_xyzw, at.angular_momentum_world)
     inertia: Numbers = np.array(scene.body.inertia)
-    x, y, z = inside = np.array(whole) - inertia @ np.array(scene.initial.angular_velocity_body)
+    x, y, z = inside = np.array(whole) - inertia @ np.array(at.angular_velocity_body)
     axes = [(wheel.inertia, np.array(wheel.axis) / norm(wheel.axis)) for wheel in scene.wheels]
     inverse = np.linalg.inv(inertia - sum((j * np.outer(a, a) for j, a in axes), np.zeros((3, 3)))).astype(np.float64)
     turning: Numbers = inverse @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -68,7 +68,7 @@ from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy, too_long
-from rb_dynamics.run.sink import Event, RunInfo, Sink
+from rb_dynamics.run.sink import Event, RunInfo, Sink, Status
 from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
 from rb_dynamics.scene import opened
@@ -94,6 +94,9 @@ _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 # motion must be up to the next change that is known, or the end, or of a run without one for so long as its accuracy.
 _FORESEEN_NS, _FORESEEN_FREE_NS = NANOSECONDS, nanoseconds(OPEN_END_HORIZON)
 
+# The level of a status, as in diagnostic_msgs/DiagnosticStatus.
+_WARN = 1
+
 # Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
 
@@ -103,9 +106,11 @@ class Batches(Protocol):
 
     Attributes:
         setpoints: commands to actuators, by topic.
+        first_stamps: topic and stamp (ns) of the first commands on each channel.
     """
 
     setpoints: Sequence[tuple[str, Setpoint]]
+    first_stamps: Sequence[tuple[str, int]]
 
     def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
         """Yield batches in the order of effect, each with the time (ns) before which all commands have been yielded."""
@@ -868,6 +873,11 @@ class Simulation:
             for sink in self._sinks:
                 sink.write(event)
 
+    def tell(self, warnings: Sequence[str]) -> None:
+        """Pass warnings to every sink, as one status on `/diagnostics`."""
+        if warnings:
+            self.write(Status(self.time_ns, _WARN, "; ".join(warnings), {}))
+
     def finish(self) -> None:
         """Close every sink, even if one of them fails; a second call does nothing."""
         if self._finished:
@@ -1141,7 +1151,8 @@ class Run:
         wall_time_s: wall time of the run, s.
         rejected: the reason for each rejected command; the run continued without them.
         clipped: number of commands reduced by the limits of their channel.
-        remarks: warnings about limits that were nearly reached and about steps that are too long, in full sentences.
+        remarks: warnings in full sentences, about limits that were nearly reached, steps that are too long, and
+            commands that come too slowly.
     """
 
     sample: Sample
@@ -1181,6 +1192,8 @@ def simulate(
         KeyboardInterrupt: Ctrl-C; the log is complete up to there, too.
         ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
     """
+    from rb_dynamics.run.scene_remarks import command_remarks, first_stamps, scene_remarks
+
     started = time.perf_counter()
     scene = opened(scene)
     if not (progress is None or callable(progress)):
@@ -1191,7 +1204,7 @@ def simulate(
             f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "
             "or give --duration"
         )
-    rejected: list[str] = []
+    rejected, remarks = list[str](), list[str]()
     # Without a sink there is nothing that Ctrl-C could damage.
     with interrupts_wait() if sinks else contextlib.nullcontext():
         run.start()
@@ -1204,14 +1217,23 @@ def simulate(
                     run.advance(run.end_ns * part // 100)
                     progress(part / 100.0)
                 run.advance(known_ns)
+            rejected += (
+                f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
+                for late in run.taken_back
+            )
+            remarks = [*run.remarks, *command_remarks(first_stamps(commands), scene, run.sample)]
+            if sinks:
+                run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
         finally:
             with uninterrupted():
                 run.finish()
     wall_time_s = time.perf_counter() - started
-    rejected += (
-        f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}" for late in run.taken_back
-    )
-    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(run.remarks))
+    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(remarks))
+
+
+def rejected_words(reasons: Sequence[str]) -> list[str]:
+    """Return the warning about commands rejected for these reasons; none without any."""
+    return [f"{len(reasons)} commands were rejected and had no effect; the first: {reasons[0]}"] if reasons else []
 
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:

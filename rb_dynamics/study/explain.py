@@ -194,11 +194,10 @@ def explain(
         remarks.append(
             f"cost: measured over the first {reached:g} s of {length:g} s, as far as the time budget allowed"
         )
-    fastest = max(norm(scene.initial.angular_velocity_body), norm(run.look().angular_velocity_body))
     remarks += (
         scene_remarks(scene)
         + run.remarks
-        + command_remarks(((topic, command.stamp_ns) for topic, command in given), fastest)
+        + command_remarks(((topic, command.stamp_ns) for topic, command in given), scene, run.look())
     )
     remarks += fixed_costs(scene, commands, stopwatch, cost * length)
     lacking = bare_tally.lacking | tally.lacking

@@ -723,7 +723,7 @@ class _Comparison:
         self._newest_ns = max(self._newest_ns, message.log_time)
         if topic not in self._types:
             of_a_node = kind == DIAGNOSTICS or topic.endswith(LATENCY)
-            what = "messages about the state of a node" if of_a_node else "messages of a topic of no run"
+            what = "warnings and the state of a node" if of_a_node else "messages of a topic of no run"
             self._leave_out(topic, what)
         elif kind != self._types[topic]:
             self._miss(topic, message.log_time, f"the type {kind}, expected {self._types[topic]}")

@@ -107,7 +107,7 @@ def test_lockstep_gives_the_bits_of_simulate_in_any_order(scene: Path, peer: Pee
     assert flown["inputs_sha256"] == computed["inputs_sha256"]
     found = replay(log)
     assert found.identical
-    assert {what for _, what in found.uncompared} <= {"messages about the state of a node"}
+    assert {what for _, what in found.uncompared} <= {"warnings and the state of a node"}
 
 
 def test_a_floating_vehicle_rights_itself_as_simulate_says(peer: Peer) -> None:

@@ -694,6 +694,15 @@ def test_commands_slower_than_the_body_turns_and_a_wheel_near_its_limit_are_told
             assert not any("turns by" in message for message in said)
     (slow,) = (message for message in said if "turns by" in message)
     assert slow.startswith("wrench: the body turns by 0.6 rad from one command to the next")
+    # A body at rest with moments of 1 and 2 kg m^2 nutates at 2.1 rad/s beside a wheel with 3 N m s.
+    nutating: list[str] = []
+    text = text.replace("[0, 0, 2]", "[0, 0, 0]").replace("max_speed: 100", "speed: 30000")
+    body = runner(text.replace("axis: [1, 0, 0]", "axis: [0, 0, 1]"), said=nutating)
+    for _ in range(9):
+        body.command("wrench", Wrench())
+        run_steps(body, 30)
+        body.every_second()
+    assert ["nutates by" in message for message in nutating] == [True]
     assert [message for message in said if "max_speed" in message] == [
         "wheel is near its max_speed of 100 rad/s, beyond which its motor does not drive it"
     ]

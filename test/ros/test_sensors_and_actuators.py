@@ -23,6 +23,7 @@ wrenches: [{topic: wrench}]
 sensors:
   - {type: imu, name: imu, rate: 50.0, gyro: {noise_density: 1.0e-3}, delay: 0.005}
   - {type: star_tracker, name: tracker, rate: 5.0, noise: 1.0e-4}
+  - {type: star_tracker, name: slow, rate: 0.5}
 seed: 2
 duration: 1.0
 output_rate: 20.0
@@ -52,6 +53,10 @@ def test_a_controller_that_hears_sensors_alone_closes_the_loop(tmp_path: Path, p
     assert replay(log).identical
     rates = read_bag(log).topics["/twist"].numbers[:, 3:]
     assert abs(rates[-1]).max() < 0.2 * abs(rates[0]).max()
+    # What is wrong with the scene is in the diagnostics, all the time.
+    for _, _, ((level, _, told, _, _),) in read_bag(log).topics["/diagnostics"].decoded():
+        assert level == 1
+        assert "slow: the body turns by 1.1 rad from one message to the next at its initial rate" in told
 
 
 def test_actuators_are_commanded_by_topics_and_what_they_refuse_is_counted(tmp_path: Path, peer: Peer) -> None:

@@ -11,6 +11,7 @@ import pytest
 import rb_dynamics as rb
 from rb_dynamics.cli import main
 from rb_dynamics.loads.reaction_wheel import friction_rate
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.run.scene_remarks import scene_remarks
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -85,8 +86,9 @@ def test_a_wheel_near_its_limit_an_on_time_too_short_and_slow_commands_are_said(
     scene, bag = tmp_path / "scene.yaml", tmp_path / "bag.mcap"
     scene.write_text(FULL, encoding="utf-8")
     run = rb.simulate(scene, COMMANDS, [McapSink(bag)])
-    (remark,) = run.remarks
+    remark, slowly = run.remarks
     assert remark.startswith("wheel was near its max_speed of 60 rad/s at 1.")
+    assert slowly.startswith("jet/command: the body turns by 1.")
     near, slow = "note: wheel was near its max_speed", "note: jet/command: the body turns by 1."
     assert main(["simulate", str(scene), "--wrench", str(bag)]) == 0
     said = capsys.readouterr().err
@@ -98,21 +100,54 @@ def test_a_wheel_near_its_limit_an_on_time_too_short_and_slow_commands_are_said(
     assert near in said
     assert slow in said
     assert "4 of 6 commands were rejected" in said
-    assert not rb.simulate(rb.parse_scene(FULL), COMMANDS[1:]).remarks
+    # The log ends with the same.
+    (told,) = diagnostics(bag)
+    assert "wheel was near its max_speed of 60 rad/s at 1." in told
+    assert "jet/command: the body turns by 1." in told
+    assert "4 commands were rejected and had no effect; the first: jet/command at simulation time 1." in told
+    calm = rb.parse_scene(FULL.replace("[0, 1.5, 0]", "[0, 0.4, 0]"))
+    assert not rb.simulate(
+        calm, [("jet/command", rb.Setpoint(0.01, k * 10**9)) for k in range(5)], [McapSink(bag)]
+    ).remarks
+    assert diagnostics(bag) == []
 
 
-def test_a_sensor_slower_than_the_nutation_is_named() -> None:
-    """Beside 0.4 N m s along z, moments of 0.1 and 0.4 kg m^2 across it nutate at 0.4 / sqrt(0.1 * 0.4) = 2 rad/s."""
-    text = """\
+def diagnostics(log: Path) -> list[str]:
+    """Return the warnings in a log."""
+    statuses = [each for _, _, found in read_bag(log).topics["/diagnostics"].decoded() for each in found]
+    assert all(level == 1 for level, *_ in statuses)
+    return [message for _, _, message, *_ in statuses]
+
+
+@pytest.mark.parametrize(("period_ms", "slow"), [(240, False), (260, True)])
+def test_commands_slower_than_the_nutation_are_named(period_ms: int, slow: bool, tmp_path: Path) -> None:
+    """A body at rest with 0.4 N m s along z nutates at 2 rad/s, by 0.5 rad in 250 ms: what is held drives it."""
+    commands = [("push", rb.Wrench(stamp_ns=k * period_ms * 10**6)) for k in range(6)]
+    scene = parse_scene(
+        NUTATING.replace("wrenches: []", "wrenches: [{topic: push}]").replace("duration: 1", "duration: 2")
+    )
+    found = rb.simulate(replace(scene, sensors=()), commands, [McapSink(tmp_path / "log.mcap")]).remarks
+    assert [each.startswith("push: the body nutates by 0.52 rad from one") for each in found] == [True] * slow
+    assert diagnostics(tmp_path / "log.mcap") == list(found)
+    assert [each for each in rb.explain(replace(scene, sensors=()), commands).remarks if "nutates" in each] == list(
+        found
+    )
+
+
+NUTATING = """\
 body: {mass: 10, inertia: {diagonal: [0.1, 0.4, 0.3]}}
 wrenches: []
 actuators: [{type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-3, speed: 400}]
 sensors: [{type: imu, name: slow, rate: 2}, {type: imu, name: fast, rate: 5}]
 duration: 1
 """
-    (found,) = scene_remarks(parse_scene(text))
+
+
+def test_a_sensor_slower_than_the_nutation_is_named() -> None:
+    """Beside 0.4 N m s along z, moments of 0.1 and 0.4 kg m^2 across it nutate at 0.4 / sqrt(0.1 * 0.4) = 2 rad/s."""
+    (found,) = scene_remarks(parse_scene(NUTATING))
     assert found.startswith("slow: the body nutates by 1 rad from one message to the next")
-    assert not scene_remarks(parse_scene(text.replace("speed: 400", "speed: 0")))
+    assert not scene_remarks(parse_scene(NUTATING.replace("speed: 400", "speed: 0")))
 
 
 STIFF = """\

@@ -71,7 +71,10 @@ def test_the_same_bits(log: Path) -> None:
     # How many checkpoints there are, wall time says.
     ends = {"scene_sha256", "result.states_sha256", "result.inputs_sha256"}
     assert hashes(found) - {"checkpoint.states_sha256"} == ends
-    assert found.uncompared == {("/push", "rejected commands, whose numbers have no effect"): 2}
+    assert found.uncompared == {
+        ("/push", "rejected commands, whose numbers have no effect"): 2,
+        ("/diagnostics", "warnings and the state of a node"): 1,
+    }
     assert all(logged == here for logged, here in found.facts.values())
     assert "rb_dynamics.result.steps" in found.facts
 
@@ -399,7 +402,7 @@ def full(tmp_path: Path) -> Path:
 def test_one_bit_of_any_topic_is_seen(tmp_path: Path, full: Path) -> None:
     found = replay(full)
     assert found.identical
-    assert found.uncompared == {("/diagnostics", "messages about the state of a node"): 1}
+    assert found.uncompared == {("/diagnostics", "warnings and the state of a node"): 1}
     topics = (
         {channel.topic for channel in open_source(full).channels.values()} if list(McapFile(full).messages()) else {}
     )

@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
         with output.progress(args.scene) as progress:
             result = simulate(scene, commands, sinks, progress, getattr(commands, "facts", None))
         output.warn_rejected(result, len(commands))
-        output.note_run(result, scene, commands)
+        for remark in result.remarks:
+            output.note(remark)
         if args.sigma or args.covariance:
             spread = covariance(mcap, args.covariance, sigmas)
         output.show(args, lambda: output.as_dict(result, spread), lambda: output.as_text(result, spread))

@@ -106,9 +106,13 @@ def simulate_block(
 
 
 def simulate_alone(
-    campaign: Campaign, number: int, sinks: Sequence[Sink] = (), watch: Callable[[Samples], None] | None = None
+    campaign: Campaign,
+    number: int,
+    sinks: Sequence[Sink] = (),
+    watch: Callable[[Samples], None] | None = None,
+    warnings: Sequence[str] = (),
 ) -> dict[str, float]:
-    """Execute one run, with its outputs to `sinks`, and return its metrics by name.
+    """Execute one run, with its outputs and `warnings` known before to `sinks`; return its metrics by name.
 
     Raises:
         SceneError: the scene is not valid with its inputs.
@@ -124,6 +128,7 @@ def simulate_alone(
     bodies, metrics = Alone(run.scene, sinks, campaign.control is not None), MetricAccumulator(campaign, 1)
     try:
         failed = _advance(campaign, bodies, [run], metrics, watch)
+        bodies.tell(warnings)
     finally:
         bodies.finish()
     if failed:

@@ -28,7 +28,7 @@ from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble, body_of_arrays, initial_phases
 from rb_dynamics.run.sample import Sample, torque_impulse
 from rb_dynamics.run.sample_arrays import Samples
-from rb_dynamics.run.simulation import Simulation, without_outputs
+from rb_dynamics.run.simulation import Simulation, rejected_words, without_outputs
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.control_inputs import NewestMeasurements, OnboardValues
 
@@ -265,7 +265,7 @@ class Alone:
         self._scene, self._newest = scene, NewestMeasurements(scene) if driven and scene.sensors else None
         newest = [self._newest] if self._newest else []
         self._run = Simulation(scene if sinks else without_outputs(scene), [*sinks, *newest])
-        self._rejected, self._seen = 0, self._run.sample
+        self._rejected, self._seen = list[str](), self._run.sample
         self._now_ns, self._body_frame = 0, scene.frames.body_frame
         self._first, self._began = self._run.sample, self._run.phase
         self._inside = bool(scene.wheels) or scene.combined_effects.storing() is not None
@@ -287,7 +287,7 @@ class Alone:
         if sample.wheel_speeds is not None:
             columns["wheel_speeds"] = np.array([sample.wheel_speeds])
         columns["clipped_commands"] = np.array([float(self._run.clipped)])
-        columns["rejected_commands"] = np.array([float(self._rejected + len(self._run.taken_back))])
+        columns["rejected_commands"] = np.array([float(len(self._rejected) + len(self._run.taken_back))])
         return Samples.known(sample.time_ns, **columns)
 
     def onboard(self) -> OnboardValues:
@@ -328,13 +328,17 @@ class Alone:
     def _count(self, command: Callable[[str, Any, int], bool], topic: str, value: Wrench | float) -> None:
         try:
             command(topic, value, self._now_ns)
-        except WrenchError:
-            self._rejected += 1
+        except WrenchError as error:
+            self._rejected.append(str(error))
 
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""
         self._run.advance(time_ns)
         self._now_ns = time_ns
+
+    def tell(self, warnings: Sequence[str]) -> None:
+        """Pass warnings to the sinks, and those of the run."""
+        self._run.tell([*warnings, *self._run.remarks, *rejected_words(self._rejected)])
 
     def finish(self) -> None:
         """Close the sinks; a run that was not advanced to its end is marked as cut off."""

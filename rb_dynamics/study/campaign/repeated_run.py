@@ -12,6 +12,7 @@ from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone
 from rb_dynamics.study.campaign.compatibility import check_same
+from rb_dynamics.study.campaign.loop_stability import remarks
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.store import read_facts, read_row
 from rb_dynamics.study.campaign.user_functions import FunctionError
@@ -90,7 +91,7 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
         check_same(read_facts(rows), rows, campaign, "give --runs and --seed as they were given then, or another --out")
     metrics, error = {}, ""
     try:
-        metrics = simulate_alone(campaign, run, [McapSink(log)])
+        metrics = simulate_alone(campaign, run, [McapSink(log)], warnings=remarks(campaign))
     except (ConvergenceError, FunctionError) as problem:
         # The run failed: the log ends there.
         error = str(problem)

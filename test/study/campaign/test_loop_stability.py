@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
+from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone
 from rb_dynamics.study.campaign.loop_stability import growth_per_sample, remarks
 from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.repeated_run import rerun
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -186,9 +188,16 @@ def law(parameters):
 def test_a_wheel_near_its_limit_and_rejected_commands_are_named(tmp_path: Path) -> None:
     (tmp_path / "asking.py").write_text(ASKING_TOO_MUCH, encoding="utf-8")
     loop = LOOP.replace("wheel_law.law", "asking.law").replace(", parameters: {gain: 0.0}", "")
-    near, rejected = remarks(read_campaign(write(tmp_path, loop, JETS_AND_WHEEL)))
+    campaign = read_campaign(write(tmp_path, loop, JETS_AND_WHEEL))
+    near, rejected = remarks(campaign)
     assert near.startswith("wheel comes near its max_speed of 60 rad/s in run 0, at 2 s")
     assert rejected.startswith("5 commands are rejected in the first 6 samples of run 0, such as an on-time below")
+    # The log of a run says so, too, and what that run met.
+    rerun(campaign, 0, tmp_path / "run.mcap", tmp_path / "none.parquet")
+    ((_, _, ((level, _, told, _, _),)),) = read_bag(tmp_path / "run.mcap").topics["/diagnostics"].decoded()
+    assert (level, near in told, rejected in told) == (1, True, True)
+    assert "; wheel was near its max_speed of 60 rad/s at " in told
+    assert "5 commands were rejected and had no effect; the first: jet/command: an on-time of 0.005 s" in told
 
 
 DAMPING = """\
