@@ -272,8 +272,8 @@ TOPICS = {
     "/clock": "simulation time, from the steps; with `publish_clock`",
     "/tf": "the pose; with `publish_tf`, if tf2_msgs is installed (log: always)",
     "/tf_static": "the scene's fixed frames; as `/tf`",
-    "/diagnostics": "1 Hz, by a node: state, defects, overruns; commands accepted, rejected, early, late, lost (log of "
-    "another run: its warnings, at its end)",
+    "/diagnostics": "1 Hz, by a node: state, defects, overruns; commands accepted, rejected, early, late, lost (log "
+    "without a node: the warnings of the run, at its end)",
     "~/set_state": "moves the body within the run: pose in the world frame, twist in body axes",
     "wrench": "commands, one topic for each channel of the scene; [what a wrench means](../how-to/wrenches.md)",
     "wrench/applied": "the wrench that acted, and from when",

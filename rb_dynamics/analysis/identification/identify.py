@@ -426,13 +426,21 @@ def _with_omissions(model: Model, fit: Fit, names: Sequence[str], loss: str) -> 
         steps = [trial.step for trial in first_tried if trial.chance <= CHANCE]
         bare = _Report(model, fit, names, moved=steps)
         result = bare.identification()
-    return replace(result, omissions=tuple(others), notes=(*_of_parts(part), *result.notes)), bare
+    return replace(result, omissions=tuple(others), notes=(*_of_parts(part, bare), *result.notes)), bare
 
 
-def _of_parts(part: Sequence[Omission]) -> list[str]:
-    """Return a remark on loads that explain only a part of the residuals."""
+def _sized(omission: Omission) -> str:
+    """Return what is missing, with its size."""
+    values, errors = (", ".join(f"{v:.3g}" for v in some) for some in (omission.value, omission.standard_error))
+    return f"{omission.what} of ({values}) ± ({errors}) {omission.unit}".rstrip()
+
+
+def _of_parts(part: Sequence[Omission], report: _Report) -> list[str]:
+    """Return a remark on loads that explain only a part of the residuals of a fit."""
     return [
-        f"{each.what} of about ({', '.join(f'{v:.3g}' for v in each.value)}) {each.unit}".rstrip()
+        _sized(each)
+        + ("" if each.entry is None else report.relative_to(each.unit))
+        + ("" if each.significant else ", so that its size is not known,")
         + " that is not in the scene would explain a part of the residuals, not all"
         + (
             f", and would move numbers of the body by up to {each.shift:.2g} standard errors; the intervals are "
@@ -448,13 +456,11 @@ def _of_omissions(found: Sequence[Omission]) -> list[str]:
     """Return a remark on parameters that were fitted without being asked for."""
     notes = []
     for each in found:
-        values, errors = (", ".join(f"{v:.3g}" for v in some) for some in (each.value, each.standard_error))
         remedy = f"--fit {each.names[0].partition('[')[0].partition('.')[0]}"
         if each.entry is not None:
             remedy = f"effects: [{json.dumps(each.entry)}] in the scene and its numbers in --fit"
         notes.append(
-            f"{each.what} of ({values}) ± ({errors}) {each.unit}".rstrip()
-            + f" that is not in the scene explains the residuals: it is fitted, too, as {', '.join(each.names)}. "
+            f"{_sized(each)} that is not in the scene explains the residuals: it is fitted, too, as {', '.join(each.names)}. "
             + (
                 f"Without it numbers of the body would be up to {each.shift:.2g} standard errors off. "
                 if np.isfinite(each.shift)
@@ -864,6 +870,11 @@ class _Report:
     def _shape_told(self) -> bool:
         """Whether every direction of the shape of the inertia is determined."""
         return float(np.linalg.norm(self.unseen[self.model.layout["shape"].at])) <= _HIDDEN
+
+    def relative_to(self, unit: str) -> str:
+        """Return what a load of this unit is relative to: the mass or inertia that was kept, as it is not known."""
+        name, said = ("size", "inertia") if unit.startswith("N m") else ("mass", "mass")
+        return f", for the {said} kept," if self._has(name) and not self._told(name) else ""
 
     def _told(self, name: str) -> bool:
         block = self.model.layout[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from identified_flights import flown, guess, random_body
 from rb_dynamics import Identification, MemorySink, RigidBody, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import RATES, Flight, Stream
-from rb_dynamics.analysis.identification.identify import _Report
+from rb_dynamics.analysis.identification.identify import _of_parts, _Report
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.model_omissions import Omission, _candidates, trials
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
@@ -116,8 +116,32 @@ def test_what_explains_a_part_only_widens_the_intervals() -> None:
 
     assert not any(each.found for each in found.omissions)
     assert not any(each.name.startswith("effects[") for each in found.parameters)
-    assert any("explain a part of the residuals" in note for note in found.notes)
+    (told,) = (note for note in found.notes if "a constant torque in body axes" in note)
+    assert ") ± (" in told
+    assert ") N m that is not in the scene would explain a part of the residuals, not all" in told
     assert furthest(found, body) < 2.5
+
+
+@pytest.mark.parametrize(
+    ("sizes", "told"), [((2.0, 2.0), "s that"), ((0.5, -0.5), "s, so that its size is not known,")]
+)
+def test_what_explains_a_part_is_told_with_its_errors(sizes: tuple[float, float], told: str) -> None:
+    """Together two numbers may be far from zero by an F test, though each is not."""
+    value = (sizes[0] * 4e-5, sizes[1] * 6e-5)
+    found = Omission("a delay", ("delay",), value, (4e-5, 6e-5), "s", 1e-9, np.inf, False, None)
+    (note,) = _of_parts([found], cast(Any, None))
+    assert note.startswith(f"a delay of ({value[0]:.3g}, {value[1]:.3g}) ± (4e-05, 6e-05) {told}")
+
+
+def test_a_torque_is_relative_to_an_inertia_that_no_torque_tells() -> None:
+    """Twice the inertia and twice the torque give the same motion."""
+    seconds = np.arange(200) / 100.0
+    body, flight = flight_of(7, unrecorded=TORQUE * (1.0 + 0.5 * np.sin(9.0 * seconds[:, None])))
+    alone = replace(flight, channels=())
+    found = identify(guess(body), [alone], ["inertia"])
+    torques = [note for note in found.notes if "torque" in note and "a part of the residuals" in note]
+    assert torques
+    assert all(") N m, for the inertia kept, that is not in the scene" in note for note in torques)
 
 
 SPINNER = """
