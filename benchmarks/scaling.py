@@ -282,7 +282,8 @@ def plot(figure: Figure, place: int, title: str, series: Series, across_: str, u
     axes.set_title(title, color=DARK)
     axes.grid(color=GREY, alpha=0.25, linewidth=0.5)
     if len(series) > 1:
-        axes.legend(fontsize=7, frameon=False)
+        # Below, where it crosses no curve.
+        axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
 
 
 TEXT = """# What a run costs, and how the cost grows

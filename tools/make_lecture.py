@@ -30,6 +30,7 @@ from matplotlib.patches import Polygon
 import rb_dynamics as rb
 from rb_dynamics.body import shapes
 from rb_dynamics.numerics.rotation import matrix
+from rb_dynamics.report.poinsot_figure import scale_bar
 from rb_dynamics.report.svg import COLORS
 from rb_dynamics.theory.poinsot import energy_ellipsoid, herpolhode, invariable_plane, polhode
 
@@ -275,7 +276,8 @@ def polhodes() -> Figure:
         arrow(axes, start, end, DARK)
         label(axes, end, f"{k + 1}, {name}", dx=(-52.0, 5.0, 6.0)[k], dy=(-14.0, -4.0, -2.0)[k])
     axes.set_xlim(-1.2, 1.3)
-    axes.set_ylim(-0.8, 0.95)
+    axes.set_ylim(-0.95, 0.95)
+    scale_bar(axes, "rad/s")
     return figure
 
 
@@ -312,8 +314,9 @@ def plane() -> Figure:
     label(axes, 0.5 * (center + touch), "$\\omega$", GREEN, -14.0, 0.0)
     label(axes, below, "$L$", DARK, 6.0, 0.0)
     label(axes, max(view(corners), key=lambda corner: corner[0]), "invariable plane", DARK, -100.0, -14.0)
+    scale_bar(axes, "rad/s")
     axes.set_xlim(-2.25, 2.25)
-    axes.set_ylim(-1.85, 1.35)
+    axes.set_ylim(-2.1, 1.35)
     return figure
 
 
@@ -334,9 +337,10 @@ def herpolhodes() -> Figure:
             axes.plot(*(radius * circle).T, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
         axes.plot(*trace.points.T, color=color, linewidth=1.0)
         axes.plot(0.0, 0.0, "+", color=DARK, markersize=7)
+        scale_bar(axes, "rad/s")
         reach = 1.12 * trace.outer_radius
         axes.set_xlim(-reach, reach)
-        axes.set_ylim(-reach, 1.3 * reach)
+        axes.set_ylim(-1.2 * reach, 1.3 * reach)
         axes.text(0.0, 1.13 * reach, title, ha="center", va="center", color=DARK)
     return figure
 

@@ -24,7 +24,7 @@ def as_text(found: Comparison) -> str:
         f"compared  {found.samples} samples of the motion, {found.compared_s:.9g} s{part(found)}",
         *(f"not       {part}" for part in found.not_compared),
         "",
-        _row("difference", ("largest", "at t (s)", "rms", "")),
+        _row("difference", ("largest", "at t [s]", "rms", "")),
         *(_row(label(name), row) for name, row in rows(found)),
         "",
         "largest difference by time",
@@ -65,7 +65,7 @@ def rows(found: Comparison) -> list[tuple[str, tuple[str, str, str, str]]]:
 def growth_lines(found: Mapping[str, Difference], span_ns: tuple[int, int], zero_ns: int) -> list[str]:
     """Return a table of the largest difference of each quantity of the motion in equal parts of the time."""
     names = [name for name in MOTION if name in found]
-    head = f"{'from t (s)':>14}" + "".join(f"{label(name)} ({UNITS[name]})".rjust(26) for name in names)
+    head = f"{'from t [s]':>14}" + "".join(f"{label(name)} [{UNITS[name]}]".rjust(26) for name in names)
     begin, end = ((time - zero_ns) / 1e9 for time in span_ns)
     parts = zip(*(found[name].growth(span_ns) for name in names), strict=True)
     return [

@@ -5,6 +5,7 @@ Drawn from the samples. In driven motion, in which the plane moves, the herpolho
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,10 +17,14 @@ from rb_dynamics.report.svg import COLORS, MAX_POINTS, TEXT, Array, picture
 from rb_dynamics.theory.poinsot_contact import LARGEST_CHORD, contact, half_axes, separatrices
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Viewing direction of the ellipsoid, principal axes: no axis points at the viewer.
 _FROM = np.array([0.62, 0.36, 0.70])
+
+# Extent of a herpolhode, in half axes, that is a point but for rounding.
+_POINT = 1e-9
 
 
 def poinsot_view(
@@ -69,6 +74,26 @@ def outline(half: Array, seen: Array) -> Array:
     return outline
 
 
+def scale_bar(axes: Axes, unit: str) -> None:
+    """Draw a bar of a round length below what `axes` show, with the length in `unit`; none for a single point."""
+    (left, low), (width, height) = axes.dataLim.min, axes.dataLim.size
+    if not max(width, height) > _POINT:
+        return
+    about = 0.4 * max(width, height)
+    power = 10.0 ** math.floor(math.log10(about))
+    length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= about)
+    low -= 0.08 * max(width, height)
+    axes.plot([left, left + length], [low, low], "|-", color=TEXT, linewidth=1.0, markersize=6.0)
+    axes.annotate(
+        f"{length:g} {unit}".rstrip(),
+        (left + length, low),
+        (6.0, 0.0),
+        textcoords="offset points",
+        color=TEXT,
+        va="center",
+    )
+
+
 def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) -> Picture:
     def fill(figure: Figure, _most: int) -> None:
         left, right = figure.add_axes((0.0, 0.0, 0.5, 0.9)), figure.add_axes((0.5, 0.0, 0.5, 0.9))
@@ -84,6 +109,7 @@ def _draw(ellipsoid: list[Array], polhode: Array, herpolhode: Array, look: str) 
             axes.set_aspect("equal")
             axes.margins(0.05)
             axes.set_title(title, color=TEXT, fontsize=11.0)
+            scale_bar(axes, "of the longest half axis")
 
     name = "Poinsot's construction: polhode and herpolhode"
     return picture(fill, (690.0, 300.0), name, columns=2)

@@ -460,7 +460,8 @@ def _of_omissions(found: Sequence[Omission]) -> list[str]:
         if each.entry is not None:
             remedy = f"effects: [{json.dumps(each.entry)}] in the scene and its numbers in --fit"
         notes.append(
-            f"{_sized(each)} that is not in the scene explains the residuals: it is fitted, too, as {', '.join(each.names)}. "
+            f"{_sized(each)} that is not in the scene explains the residuals: it is fitted, too, as "
+            f"{', '.join(each.names)}. "
             + (
                 f"Without it numbers of the body would be up to {each.shift:.2g} standard errors off. "
                 if np.isfinite(each.shift)
