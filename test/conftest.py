@@ -69,6 +69,8 @@ def pytest_configure(config: pytest.Config) -> None:
         ROS_DOMAIN_ID=str(domain),
         ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
         ROS_LOG_DIR=logs,
+        # As the command line has it; three workers of two threads each would wait for each other.
+        OPENBLAS_NUM_THREADS="1",
         # Fast DDS 2.14 shares its ports in shared memory among all domains. Where processes are killed, as tests do,
         # another takes over a port that is in use, and its owner crashes when it ends (docs/ros.md).
         FASTDDS_BUILTIN_TRANSPORTS="UDPv4",

@@ -74,6 +74,8 @@ class _Version(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    # Before numpy is loaded. Our matrices are small: more threads of OpenBLAS only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Everything after --ros-args is parsed by rcl.
     split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)

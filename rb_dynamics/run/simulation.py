@@ -1233,7 +1233,11 @@ def simulate(
 
 def rejected_words(reasons: Sequence[str]) -> list[str]:
     """Return the warning about commands rejected for these reasons; none without any."""
-    return [f"{len(reasons)} commands were rejected and had no effect; the first: {reasons[0]}"] if reasons else []
+    if not reasons:
+        return []
+    if len(reasons) == 1:
+        return [f"1 command was rejected and had no effect: {reasons[0]}"]
+    return [f"{len(reasons)} commands were rejected and had no effect; the first: {reasons[0]}"]
 
 
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 OPTIONAL = {"mcap", "numba", "rclpy", "rerun", "tqdm", "matplotlib", "trimesh"}
 SLOW = {"numpy", "scipy", "importlib.metadata", "email", *OPTIONAL}
@@ -50,6 +53,15 @@ def test_simulate_imports_what_it_runs(root: Path) -> None:
     assert {"rb_dynamics.run.simulation", "yaml"} <= found
     unused = {"rb_dynamics.study", "rb_dynamics.sinks.mcap_sink", "rb_dynamics.report"}
     assert not found & {*SLOW, *unused}
+
+
+@pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_linear_algebra_has_one_thread_unless_told_otherwise(given: dict[str, str], threads: str) -> None:
+    """Two threads took twice the processor time for an inspection, and no less time."""
+    code = "import os; from rb_dynamics.cli import main; main(['compile', '_nothing']); print(os.environ['OPENBLAS_NUM_THREADS'])"
+    env = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | given
+    result = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert result.stdout.split() == [threads]
 
 
 def test_the_library_imports_nothing_before_it_is_used() -> None:

@@ -130,7 +130,10 @@ def test_log_replay_pieces_and_a_bag_of_commands_give_the_same_bits(tmp_path: Pa
     run = rb.simulate(scene, COMMANDS, [sink, McapSink(path)])
     found = replay(path)
     assert found.identical
-    assert found.uncompared == {("/jet/command", "rejected commands, whose numbers have no effect"): 1}
+    assert found.uncompared == {
+        ("/jet/command", "rejected commands, whose numbers have no effect"): 1,
+        ("/diagnostics", "warnings and the state of a node"): 1,
+    }
     assert rb.inspect(path).passed
     bag = read_bag(path)
     assert bag.metadata["rb_dynamics"]["effects_not_logged_as_wrench"] == "magnetorquer"

@@ -146,7 +146,7 @@ bad = Method("bad", 2, frozenset(), step, takes=LoadDependence.ANY)
         "scene = parse_scene('body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\\n"
         "initial: {angular_velocity_body: [0.1, 2, 0.1]}\\neffects: [{type: linear_drag, rotation: 0.1}]\\n"
         "wrenches: []\\nduration: 2'); "
-        "print(as_text(trade(scene, target=1e-3, time_s=1.5, clock=time.process_time)))"
+        "print(as_text(trade(scene, target=1e-3, time_s=4.0, clock=time.process_time)))"
     )
     path = os.pathsep.join([str(tmp_path), *sys.path])
     done = subprocess.run(
