@@ -128,7 +128,9 @@ def test_each_body_has_the_bits_of_itself_alone(monkeypatch: pytest.MonkeyPatch,
     assert together_as_alone(scenes, times, given).clipped.sum() > 0.0
 
 
-@pytest.mark.parametrize(("count", "solver"), [(2, "dop853"), (3, "auto"), (3, "dverk"), (4, "dop853")])
+@pytest.mark.parametrize(
+    ("count", "solver"), [(2, "dop853"), (3, "auto"), (3, "dverk"), pytest.param(4, "dop853", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("acting", [True, False])
 def test_bodies_under_regular_commands_have_the_bits_of_themselves_alone(
     monkeypatch: pytest.MonkeyPatch, count: int, solver: str, acting: bool
