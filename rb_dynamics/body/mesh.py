@@ -93,7 +93,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
     # It logs how it failed to read what it then reads in another way.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     if suffix == ".obj":
-        data = _surface(data)
+        data = _surface(data, os.fspath(path))
     try:
         # From bytes and without a resolver: materials and textures that an OBJ names are not looked for.
         mesh: Any = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
@@ -106,10 +106,13 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Points, Faces]:
     return vertices, faces
 
 
-def _surface(data: bytes) -> bytes:
+def _surface(data: bytes, source: str) -> bytes:
     """Return the vertices and faces of an OBJ file, one a line with single spaces.
 
-    trimesh understands only "f 1 2 3": it silently skips a face that is indented or has tabs.
+    trimesh understands only "f 1 2 3": it silently skips a face that is indented or has tabs, and takes vertex 0 for 1.
+
+    Raises:
+        BodyError: a face has a vertex before the first, as in files that count from 0.
     """
     lines, vertices = [], 0
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
@@ -119,13 +122,22 @@ def _surface(data: bytes) -> bytes:
                 vertices += 1
             case [b"f" | b"fo", *corners]:
                 places = (corner.split(b"/", 1)[0] for corner in corners)
-                lines.append(b"f " + b" ".join(_from_first(place, vertices) for place in places))
+                lines.append(b"f " + b" ".join(_from_first(place, vertices, source) for place in places))
     return b"\n".join(lines) + b"\n"
 
 
-def _from_first(place: bytes, vertices: int) -> bytes:
+def _from_first(place: bytes, vertices: int, source: str) -> bytes:
     """Return the number of a vertex; one below 0 counts back from the last of those so far, not of the file."""
-    return b"%d" % (vertices + 1 + int(place)) if place[:1] == b"-" and place[1:].isdigit() else place
+    try:
+        number = int(place)
+    except ValueError:  # trimesh refuses it
+        return place
+    if number == 0 or number < -vertices:
+        raise BodyError(
+            f"{source}: a face has the vertex {number}, expected 1 for the first, or -1 for the last so far, of "
+            f"{vertices}; export the mesh again"
+        )
+    return b"%d" % (vertices + 1 + number) if number < 0 else place
 
 
 def read_solid(path: str | os.PathLike[str], scale_to_m: float = 1.0) -> Solid:
@@ -184,9 +196,10 @@ def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
             "triangles: (n, 3) and (m, 3); export it as triangles"
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
+        bad = int(faces.min() if faces.min() < 0 else faces.max())
         raise BodyError(
-            f"found a triangle with the vertex {int(faces.max())} of {len(vertices)}, expected indices below that "
-            "number; export the mesh again"
+            f"found a triangle with the vertex {bad} of {len(vertices)}, expected indices from 0 to "
+            f"{len(vertices) - 1}; export the mesh again"
         )
     used, compact = np.unique(faces, return_inverse=True)
     points = vertices[used]

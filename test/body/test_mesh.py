@@ -374,6 +374,22 @@ class TestFiles:
         path.write_text("\n".join(lines))
         assert mesh.read_solid(path).volume == pytest.approx(9.0)
 
+    @pytest.mark.parametrize("first", ["0", "-7"])
+    def test_an_obj_with_a_vertex_before_the_first_is_refused(self, first: str, tmp_path: Path) -> None:
+        # Counted from 0, this octahedron would become a closed solid of a quarter of its volume.
+        path = tmp_path / "part.obj"
+        corners = ["1 0 0", "0 1 0", "-1 0 0", "0 -1 0", "0 0 1", "0 0 -1"]
+        faces = ["014", "124", "234", "304", "105", "215", "325", "035"]
+        lines = [f"v {corner}" for corner in corners]
+        lines += ["f " + " ".join(first if digit == "0" else digit for digit in face) for face in faces]
+        path.write_text("\n".join(lines))
+        with pytest.raises(BodyError, match=rf"part.obj: a face has the vertex {first}, expected 1 for the first"):
+            mesh.read_solid(path)
+
+    def test_a_vertex_below_0_is_named(self) -> None:
+        with pytest.raises(BodyError, match=r"the vertex -1 of 4, expected indices from 0 to 3"):
+            mesh.solid(np.eye(4, 3), np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, -1]]))
+
     def test_what_an_obj_names_is_not_read(self, tmp_path: Path) -> None:
         path = tmp_path / "part.obj"
         corners = [f"v {x:g} {y:g} {z:g}" for x, y, z in CORNERS]
