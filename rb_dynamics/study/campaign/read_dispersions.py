@@ -35,7 +35,10 @@ def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tu
         return ()
     tree = document.parse(base.text, Problems(base.source))
     found: list[Input] = []
-    for key, entry in field.mapping("distributions by dotted key").items():
+    entries = field.mapping("distributions by dotted key")
+    for key, entry in entries.items():
+        if any(key.startswith((f"{other}.", f"{other}[")) for other in entries):
+            entry.reject("each number once", "remove one of them", "a key of what another entry disperses as a whole")
         if key == INERTIA:
             found += _inertia(entry, base)
         elif key == "seed":

@@ -235,6 +235,13 @@ def test_a_number_is_dispersed_once(tmp_path: Path) -> None:
         spacecraft(tmp_path, text)
 
 
+def test_the_inertia_is_not_dispersed_as_a_whole_and_in_part(tmp_path: Path) -> None:
+    inner = "body.inertia.diagonal: {normal: {relative: 0.1}}"
+    text = LOOP.replace("disperse:\n", f"disperse:\n  body.inertia: {{second_moments: 0.1, axes: 0}}\n  {inner}\n")
+    with pytest.raises(SceneError, match=r"inertia.diagonal: found a key of what .* expected each number once"):
+        spacecraft(tmp_path, text)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
