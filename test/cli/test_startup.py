@@ -58,8 +58,9 @@ def test_simulate_imports_what_it_runs(root: Path) -> None:
 @pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
 def test_linear_algebra_has_one_thread_unless_told_otherwise(given: dict[str, str], threads: str) -> None:
     """Two threads took twice the processor time for an inspection, and no less time."""
-    code = "import os; from rb_dynamics.cli import main; main(['compile', '_nothing']); print(os.environ['OPENBLAS_NUM_THREADS'])"
-    env = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | given
+    name = "OPENBLAS_NUM_THREADS"
+    code = f"import os; from rb_dynamics.cli import main; main(['compile', '_nothing']); print(os.environ[{name!r}])"
+    env = {key: value for key, value in os.environ.items() if key != name} | given
     result = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
     assert result.stdout.split() == [threads]
 
