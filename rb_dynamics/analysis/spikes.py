@@ -1,4 +1,4 @@
-"""Spikes of a twist: up to three samples in a row that go far away and come back, which the pose does not follow."""
+"""Spikes: up to three samples in a row that go far away and come back, which no other sensor follows."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ _FAR, _STEPS, _AROUND = 5.0, 7, 3
 _ROUNDING = 1e-12
 # More samples than this part are the noise of the sensor.
 _MOST = 0.05
+# So many times what a change of the rate makes in one interval.
+_TURNED = 2.0
 # The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
 # follow, it shows less than this part, even with this multiple of the noise of their mean more.
 _FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
@@ -36,11 +38,11 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
     shared = np.append(again, False) | np.append(False, again)
     for number, (columns, unit) in enumerate(((slice(0, 3), "m/s"), (slice(3, 6), "rad/s"))):
         rows = twist.values[:, columns]
-        odd = np.concatenate([_far(rows, part) for part in parts(len(rows))]) & ~shared
+        odd = _all_far(rows) & ~shared
         at = np.flatnonzero(odd)
         if not 0 < len(at) <= _MOST * len(rows):
             continue
-        about = np.stack([np.interp(seconds[at], seconds[~odd], column) for column in rows[~odd].T], axis=1)
+        about = _about(seconds, rows, odd)
         beyond = rows[at] - about
         size, pose_noise = np.linalg.norm(beyond, axis=1), np.inf
         followed = np.zeros(len(at))
@@ -63,12 +65,68 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
     return replace(twist, values=values, spikes=tuple(told)) if told else twist
 
 
+def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes | None:
+    """Return the spikes of positions (n, 3) at different times; None without any.
+
+    It is motion if the `speeds` (n,), m/s, are by then other than those to which the positions about it lead.
+    """
+    time_ns, rows = series.time_ns, series.values
+    if len(time_ns) <= _STEPS:
+        return None
+    seconds = (time_ns - time_ns[0]) * 1e-9
+    rates = _usual_rates(seconds, rows)
+    steps = rates * np.diff(seconds)[:, None]
+    odd = _all_far(rows - np.vstack([np.zeros((1, 3)), np.cumsum(steps, axis=0)]))
+    # At the ends, the usual rate is that of a time farther inside.
+    for end in (slice(None, _STEPS + _AROUND), slice(-_STEPS - _AROUND, None)):
+        odd[end] &= _all_far(rows)[end]
+    at = np.flatnonzero(odd)
+    if not 0 < len(at) <= _MOST * len(rows):
+        return None
+    size = np.linalg.norm(rows[at] - _about(seconds, rows, odd), axis=1)
+    # Where the usual rate follows each step, none is far from it: noise is what the rates change by.
+    bends = np.diff(np.diff(rows, axis=0) / np.diff(seconds)[:, None], axis=0)
+    usual = float(np.median(np.diff(seconds)))
+    noise = float(np.median(np.linalg.norm(bends, axis=1))) * usual
+    # After an impact the body goes on at another rate.
+    last = len(rates) - 1
+    turned = np.linalg.norm(rates[(at + _STEPS).clip(max=last)] - rates[(at - 1 - _STEPS).clip(0, last)], axis=1)
+    alone = size > np.maximum(max(_FAR * noise, _ROUNDING * float(np.abs(rows).max())), _TURNED * turned * usual)
+    alone &= _between_neighbours(time_ns, time_ns[at])
+    if speeds is not None:
+        speed = np.linalg.norm(rates, axis=1)[at.clip(max=last)]
+        # As many samples as may be a spike, and one on either side.
+        ends = (time_ns[(at + by).clip(0, len(rows) - 1)] for by in (-_AROUND, _AROUND))
+        spans = (slice(*each) for each in np.searchsorted(speeds.time_ns, np.stack(list(ends), axis=1)))
+        beyond = [np.abs(speeds.values[s] - u).max(initial=0.0) for s, u in zip(spans, speed, strict=True)]
+        alone &= np.array(beyond) * usual <= _FOLLOWS * size
+    return Spikes("m", time_ns[at[alone]], size[alone]) if alone.any() else None
+
+
+def _usual_rates(seconds: Array, rows: Array) -> Array:
+    """Return how fast the rows usually change about each step: the median, 1/s."""
+    from scipy.ndimage import median_filter
+
+    rates: Array = median_filter(np.diff(rows, axis=0) / np.diff(seconds)[:, None], (2 * _STEPS + 1, 1), mode="mirror")
+    return rates
+
+
+def _about(seconds: Array, rows: Array, odd: NDArray[np.bool_]) -> Array:
+    """Return what lies between the other rows in the place of the odd ones."""
+    return np.stack([np.interp(seconds[odd], seconds[~odd], column) for column in rows[~odd].T], axis=1)
+
+
 def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
     """Return at which times samples on either side are not missing."""
     near = np.searchsorted(times, at)
     apart = times[(near + 1).clip(max=len(times) - 1)] - times[(near - 1).clip(0, len(times) - 1)]
     there: NDArray[np.bool_] = apart <= _MISSING * np.median(np.diff(times))
     return there
+
+
+def _all_far(rows: Array) -> NDArray[np.bool_]:
+    """Return which rows are far from the median of those about them."""
+    return np.concatenate([_far(rows, part) for part in parts(len(rows))])
 
 
 def _far(rows: Array, part: slice) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Spikes of a twist are named and not judged; what the pose shows, too, is motion."""
+"""Spikes of a twist are named and not judged, those of a position are left out; what another sensor shows is motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from noisy_recordings import flipping
 from tumbling import bag_of, failing, spin
 
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.spikes import without_spikes
+from rb_dynamics.analysis.spikes import spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.analysis.unexplained_wrench import residual
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
@@ -97,3 +97,32 @@ def test_rounding_is_no_spike() -> None:
     rows[::50, 0] += 2.0**-52
     rows[333, 0] += 2.0**-39
     assert not failing(bag_of(motion, twist_frame="world", twist_rows=rows))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("every_ns", [5_000_000, 100_000_000])
+def test_positions_that_come_back_are_spikes_and_an_impact_is_none(noise: float, every_ns: int) -> None:
+    for seed in range(40):
+        random, seconds = np.random.default_rng(seed), np.arange(1200) * every_ns * 1e-9
+        away, hit = random.standard_normal((2, 3))
+        positions = away * seconds[:, None] + 5.0 * hit * np.maximum(seconds - seconds[600], 0.0)[:, None]
+        turn = random.uniform(0.0, 4.0) * seconds
+        positions += np.stack([np.cos(turn), np.sin(turn), -4.905 * seconds**2], axis=1)
+        positions += noise * random.standard_normal((1200, 3))
+        series = TimeSeries("/p", np.arange(1200) * every_ns, positions)
+        assert spikes_of_position(series, None) is None
+        positions[[300, 301, 900], 1] += 5.0
+        found = spikes_of_position(series, None)
+        assert found is not None
+        assert (found.time_ns // every_ns).tolist() == [300, 301, 900]
+        assert found.size == pytest.approx(5.0, rel=0.05)
+
+
+def test_positions_that_a_velocity_follows_are_no_spikes() -> None:
+    time_ns, positions = np.arange(1000) * 10_000_000, 1e-4 * np.random.default_rng(1).standard_normal((1000, 3))
+    positions[500, 0] += 0.5
+    series = TimeSeries("/p", time_ns, positions)
+    speeds = np.zeros(1000)
+    assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is not None
+    speeds[[499, 501]] = 25.0
+    assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is None

@@ -15,6 +15,7 @@ from rb_dynamics.analysis.clocks import APART, leaps, remarks
 from rb_dynamics.analysis.gaps import NAMED, holes, listed
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
+from rb_dynamics.analysis.spikes import spikes_of_position
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
@@ -200,6 +201,30 @@ class Flight:
         at = [np.isin(stream.time_ns, times) & (stream.kind == ACCELERATION) for stream in self.streams]
         why = "whether they show what acted before or after it is not known, and they are left out"
         return self._without_samples(at, f"of a command: {why}")
+
+    def without_spikes(self) -> Flight:
+        """Return the same without spikes of positions, which velocities do not follow.
+
+        One far away leaves more than all noise, and nothing would be known.
+        """
+        quick = [stream for stream in self.streams if stream.kind == VELOCITY]
+        speeds = [TimeSeries(each.topic, each.time_ns, np.linalg.norm(each.values, axis=1)) for each in quick]
+        found = [
+            spikes_of_position(TimeSeries(each.topic, each.time_ns, each.values), next(iter(speeds), None))
+            if each.kind == POSITION
+            else None
+            for each in self.streams
+        ]
+        notes = [
+            f"{each.topic} {each.kind}: of {len(each.time_ns)} samples {spikes.told(0)}"
+            for each, spikes in zip(self.streams, found, strict=True)
+            if spikes
+        ]
+        streams = (
+            each.rows(~np.isin(each.time_ns, spikes.time_ns)) if spikes else each
+            for each, spikes in zip(self.streams, found, strict=True)
+        )
+        return replace(self, streams=tuple(streams), notes=(*self.notes, *notes)) if notes else self
 
     def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str) -> Flight:
         """Return the same without the samples `marked` in each stream, with a note: they have the time `why`."""

@@ -314,7 +314,11 @@ def identify(
     names = () if fit is None else tuple(items(fit, "fit", "names of what to fit"))
     _require_names(names, known)
     flights, held_out = (
-        [p for each in some for p in _flight(each, known, commands, columns, topics).without_repeats().pieces()]
+        [
+            piece.without_spikes()
+            for each in some
+            for piece in _flight(each, known, commands, columns, topics).without_repeats().pieces()
+        ]
         for some in (given, validate)
     )
     for flight in (*flights, *held_out):

@@ -475,3 +475,22 @@ def test_a_clock_that_was_set_forward_begins_another_piece(by_s: float) -> None:
 def test_a_clock_that_was_set_back_or_of_one_sensor_alone_is_refused(by: tuple[float, float], words: str) -> None:
     with pytest.raises(LogError, match=words):
         flight_of(leapt(*by), guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
+
+
+def test_a_position_far_away_is_left_out_and_named() -> None:
+    """It left more than all noise, and nothing was known."""
+    body = random_body(np.random.default_rng(3), center=0.05)
+    made = flown(body, np.random.default_rng(3), torque=1.0, force=2.0, pose=1e-3)
+    (place,) = (k for k, each in enumerate(made.streams) if each.kind == POSITION)
+    values = made.streams[place].values.copy()
+    values[100, 2] += 5.0
+    streams = list(made.streams)
+    streams[place] = replace(streams[place], values=values)
+    found = identify(guess(body), [replace(made, streams=tuple(streams))], ["mass", "center_of_mass", "inertia"])
+    assert found.passed
+    assert found.explained
+    (said,) = (note for note in found.notes if "spike" in note)
+    assert re.search(r"position: of 301 samples 1 is a spike, up to 5 m from the samples about them", said)
+    (mass,) = (each for each in found.parameters if each.name == "mass")
+    assert mass.standard_error is not None
+    assert abs(mass.value - body.mass) < 4.0 * mass.standard_error
