@@ -68,6 +68,8 @@ _MOST_OMISSIONS = 2
 # Of what is plausible, the variance below which errors are linear. Misfits that are this many times smaller or larger
 # than those of linear errors are not.
 _STRAIGHT, _LINEAR = 3e-3**2, 4.0
+# What a constant fits worse by, of squares over noise, if the rates of a gyro change: what noise alone seldom makes.
+_CONSTANT = 30.0
 # Steps along a curved valley, at most.
 _CORRECTIONS = 6
 # Against the direction in which the inertia changes most: less is rounding.
@@ -547,6 +549,9 @@ class _Report:
             for value, direction in zip(values, directions.T, strict=True)
         ]
         self.unseen = directions[:, bent]
+        if (constant := self._of_constant_rates()).size:
+            both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
+            self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
         for step in moved:
             near = np.linalg.solve(self.local, step)
@@ -557,6 +562,29 @@ class _Report:
         from scipy.special import stdtrit
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
+
+    def _of_constant_rates(self) -> Array:
+        """Return the directions (p, k) in which rates and bias of gyros change alike, where a constant fits as well.
+
+        A body at rest and a large bias then leave the same noise as a spin, far from each other.
+        """
+        layout, ways = self.model.layout, [np.zeros((self.model.layout.count, 0))]
+        for number, flight in enumerate(self.model.flights):
+            biases = [f"gyro_bias[{number}].{stream.topic}" for stream in flight.streams]
+            mine = [each for each in self.fit.predicted if each.key[2] == number]
+            changes = [each.measured - each.measured.mean(axis=0) for each in mine]
+            more = sum(
+                float(np.sum(change**2) - np.sum(each.left**2)) / self.fit.noise[each.key] ** 2
+                for each, change in zip(mine, changes, strict=True)
+            )
+            if more > _CONSTANT or not all(name in layout for name in biases):
+                continue
+            way = np.zeros((layout.count, 3))
+            way[layout[f"initial[{number}].angular_velocity_body"].at] = -np.eye(3)
+            for name, stream in zip(biases, flight.streams, strict=True):
+                way[layout[name].at] = stream.mount
+            ways.append(way / np.linalg.norm(way, axis=0))
+        return np.hstack(ways)
 
     def _bent(self, direction: Array, told: Array) -> bool:
         """Return whether parameters two standard errors away misfit otherwise than linear errors say.

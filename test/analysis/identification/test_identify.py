@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, Flight, Stream
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.analysis.identification.rotations import quaternions
@@ -492,3 +492,13 @@ def test_the_bias_of_the_only_gyro_is_that_of_the_sensor_in_the_scene(count: int
         # Of several it cannot be told whose it is.
         expected = fitted_bias if count == 1 else (1.0, 1.0, 1.0)
         assert [each.gyro.bias for each in found.scene.sensors] == [expected] * count
+
+
+def test_a_gyro_that_shows_a_constant_tells_no_bias() -> None:
+    """One that spins was taken for one at rest, on a bias of 1 rad/s known to 0.01 rad/s."""
+    random = np.random.default_rng(5)
+    rate = random.standard_normal(3)
+    rates = 3.0 * rate / np.linalg.norm(rate) + 2e-3 * random.standard_normal((601, 3))
+    flight = Flight("flight", (Stream("gyro", RATES, np.arange(601) * 20_000_000, rates, gyro=True),))
+    found = identify(guess(random_body(random), moments=(1.0, 1.1, 1.2)), [flight])
+    assert not any(each.known for each in found.parameters)
