@@ -99,7 +99,7 @@ def pose_between(bag: Bag, world: str, body: str) -> FramePose:
 
 
 def _usable(topic: Topic) -> NDArray[np.bool_]:
-    usable: NDArray[np.bool_] = (np.abs(topic.numbers) < LARGEST).all(axis=1)
+    usable: NDArray[np.bool_] = np.all(np.abs(topic.numbers) < LARGEST, axis=1)
     return usable
 
 
