@@ -59,7 +59,7 @@ COMMANDS = {
 
 
 LIMITS = (
-    "What limits them: the start of Python and imports are most of a command of half a second. Without these, in one "
+    "What limits them: the start of Python and imports take most of the time of a command. Without these, in one "
     "process, `simulate` takes twice as long as heyoka: 45 % of it is the kernel, one step of order 8 with its error "
     "estimate between two commands, 18 % choosing the method again after 1, 2, 4, 8 ... commands, 16 % putting "
     "commands, knots and outputs in order, and 12 % taking commands in. An hour of commands is limited by what a "
