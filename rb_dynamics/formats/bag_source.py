@@ -320,8 +320,8 @@ def _require_finished(path: Path) -> None:
             # SQLite fills the head of one that is done with with zeros.
             if beside.exists() and opened.enter_context(beside.open("rb")).read(8).strip(b"\0"):
                 raise LogError(
-                    f"{path} is not finished: {beside.name} holds messages of it, expected none; when nothing records "
-                    f"any more, put them into it with: sqlite3 {path} 'SELECT count(*) FROM messages'"
+                    f"{path} is not finished: {beside.name} holds messages of it, expected none; once the recorder has "
+                    f"ended, merge them with: sqlite3 {path} 'SELECT count(*) FROM messages'"
                 )
 
 

@@ -749,7 +749,7 @@ class McapFile:
         end = file.tell()
         if self.complete and any(part.strip(b"\0") for part in iter(lambda: file.read(2**20), b"")):
             rest = f"tail -c +{end + 1} {self.path} > rest.mcap"
-            self._note_damage(f"goes on after its end, as files that were joined; get what follows with: {rest}")
+            self._note_damage(f"goes on after its end, as if files had been joined; extract the rest with: {rest}")
 
     def _tell(self, name: str, said: Fact) -> None:
         if self.on_fact is not None:
