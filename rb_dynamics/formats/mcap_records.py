@@ -230,7 +230,7 @@ class McapFile:
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
-        channels: by channel id; of several declarations of one the first in the data counts.
+        channels: by channel id, as declared in the data; if there twice, and not alike, to salvage the later counts.
         doubtful: ids of channels that only a damaged summary declares.
         span_ns: log times of the first and the last message; None without any.
     """
@@ -249,8 +249,8 @@ class McapFile:
     doubtful: set[int] = field(default_factory=set)
     span_ns: tuple[int, int] | None = None
     _schemas: dict[int, Schema] = field(default_factory=dict)
-    # Opcode and id of the schemas and channels declared in the data, which no later declaration replaces.
-    _declared: set[tuple[int, int]] = field(default_factory=set)
+    # Of the schemas and channels declared in the data, by opcode and id: no summary replaces them.
+    _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
     _summary_damaged: bool = False
     _data_end: int = 0
@@ -679,19 +679,29 @@ class McapFile:
         if str(damage) not in self.damage[-1:]:
             self.damage.append(str(damage))
 
+    def _declares(self, opcode: int, content: bytes, summary: bool) -> bool:
+        """Return whether a schema or a channel is to be noted, as that is not done."""
+        (number,) = _Fields(content, self._damage).take("H")
+        before = self._declared.get((opcode, number))
+        if before == content or (before and summary):
+            return False
+        if not summary:
+            if before:
+                # The messages that follow may be those of either.
+                kind = "channel" if opcode == Opcode.CHANNEL else "schema"
+                self._note_damage(f"declares {kind} {number} twice, and not alike")
+            self._declared[opcode, number] = content
+            if opcode == Opcode.CHANNEL:
+                self.doubtful.discard(number)
+        elif opcode == Opcode.CHANNEL and self._summary_damaged:
+            self.doubtful.add(number)
+        return True
+
     def _note(self, opcode: int, content: bytes, summary: bool = False) -> None:
         """Keep the content of a record other than a message; `summary`: of one that may repeat those in the data."""
         fields = _Fields(content, self._damage)
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            (number,) = _Fields(content, self._damage).take("H")
-            if (opcode, number) in self._declared:
-                return
-            if not summary:
-                self._declared.add((opcode, number))
-                if opcode == Opcode.CHANNEL:
-                    self.doubtful.discard(number)
-            elif opcode == Opcode.CHANNEL and self._summary_damaged:
-                self.doubtful.add(number)
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not self._declares(opcode, content, summary):
+            return
         if opcode == Opcode.SCHEMA:
             (schema_id,) = fields.take("H")
             self._schemas[schema_id] = Schema(fields.text(), fields.text(), fields.block("I"))

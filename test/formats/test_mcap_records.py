@@ -173,3 +173,21 @@ def test_chunks_of_one_size_may_have_other_messages(tmp_path: Path, changed: str
     found: list[Read] = []
     blocks_of(McapFile(path), found)
     assert by_topic(found) == by_topic(expected)
+
+
+def test_a_channel_that_is_declared_twice_and_not_alike_is_refused(tmp_path: Path) -> None:
+    """All its messages were taken for those of the first, without a word."""
+    rows = [(topic, STAMPED, k, stamped(k, float(k), topic)) for topic in ("/a", "/b") for k in range(3)]
+    path = write_rows(tmp_path / "bag.mcap", rows, use_chunking=False)
+    content, at = bytearray(path.read_bytes()), 8
+    while at < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, at)
+        if opcode in (0x04, 0x05):  # Channel and Message begin with the number of the channel.
+            content[at + 9] = 1
+        at += 9 + length
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=r"declares channel 1 twice, and not alike; .*recover"):
+        list(McapFile(path).messages())
+    saved = McapFile(path, salvage=True)
+    assert [message.channel.topic for message in saved.messages()] == ["/a"] * 3 + ["/b"] * 3
+    assert "declares channel 1 twice" in saved.damage[-1]
