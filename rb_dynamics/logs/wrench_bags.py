@@ -479,17 +479,17 @@ class RecordedWrenches:
     def require_some(self) -> None:
         """Refuse a bag that has commands, but none that takes effect.
 
-        Between two commands, the first of them is held; after the last, a run is taken for another's. So is a bag that
-        was cut off before its first command.
+        Between two commands, the first of them is held; after the last, a run is taken for another's. So is a bag
+        without commands, unless it is a whole log of a run without any, or another bag has some.
 
         Raises:
             LogError: gives the times of its commands, and why.
         """
         for bag in self._bags:
-            if bag.lost and not (bag.count or self.setpoints):
+            if not (bag.count or self.setpoints) and (bag.lost or not (bag.ours or len(self))):
+                found = f"{bag.path} {bag.lost}: no command is left in it" if bag.lost else f"{bag.path} has no command"
                 raise LogError(
-                    f"{bag.path} {bag.lost}: no command is left in it, expected at least one; give a bag with some, "
-                    "or leave out --wrench to let the body coast"
+                    f"{found}, expected at least one; give a bag with some, or leave out --wrench to let the body coast"
                 )
             if bag.count and not bag.acting and not (0 < bag.early.total() < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))

@@ -18,7 +18,10 @@ from rb_dynamics.cli import main
 from rb_dynamics.cli.output import warn_outside
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.channel_metadata import log_channel
+from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import POSE, SCALAR
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, read_wrenches
@@ -55,6 +58,19 @@ def test_a_channel_that_never_spoke_is_no_error(tmp_path: Path) -> None:
     found = RecordedWrenches([tmp_path / "coast.mcap"], ["wrench"], SECOND, start="auto")
     assert list(found) == []
     found.require_some()
+
+
+def test_a_bag_of_another_program_without_commands_is_an_error(tmp_path: Path) -> None:
+    """The body coasted, with a note and exit code 0, as if that had been asked for."""
+    with OutputFile.whole(tmp_path / "empty.mcap") as file:
+        writer = McapWriter(file, "test")
+        writer.begin()
+        writer.add_channel(log_channel("/wrench", STAMPED, ""))
+        writer.finish()
+    one = write_rows(tmp_path / "one.mcap", [("/wrench", STAMPED, 0, stamped(0, 1.0))])
+    with pytest.raises(LogError, match=r"empty\.mcap has no command, expected at least one"):
+        RecordedWrenches([tmp_path / "empty.mcap"], ["wrench"], SECOND, start="auto").require_some()
+    RecordedWrenches([tmp_path / "empty.mcap", one], ["wrench"], SECOND, start="auto").require_some()
 
 
 def test_a_bag_that_was_cut_off_before_its_first_command_is_an_error(
