@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.conversion.bag_to_table import ALL, ORIENTATION, POSITION, Messages, Quantity, Skip, Span, messages_of
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import require_other
+from rb_dynamics.formats.output_file import renamed, require_other
 from rb_dynamics.sinks.picture_style import BLUE, GREEN, GREY, RED
 from rb_dynamics.sinks.rerun_file import RerunFile
 from rb_dynamics.sinks.rerun_thinning import Polyline
@@ -39,14 +39,15 @@ def bag_to_rerun(
     require_other(target, bag)
     try:
         stream = rr.RecordingStream("rb_dynamics", recording_id=uuid.uuid4())
-        file = RerunFile(stream, target)
-        stream.send_recording_name(bag.name)
-        recorder = _Recorder(bag, stream)
-        for messages in messages_of(bag, topics, span, skip=skip):
-            recorder.take(messages)
-        recorder.end()
-        stream.disconnect()
-        file.close()
+        with renamed(target) as new:
+            file = RerunFile(stream, new)
+            stream.send_recording_name(bag.name)
+            recorder = _Recorder(bag, stream)
+            for messages in messages_of(bag, topics, span, skip=skip):
+                recorder.take(messages)
+            recorder.end()
+            stream.disconnect()
+            file.close()
     except (RuntimeError, OSError) as error:
         raise LogError(
             f"{target}: cannot be written ({error}); give a path that you may write to, on a disk with room"

@@ -6,7 +6,6 @@ table and is NaN in a recording.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import itertools
 import logging
@@ -36,7 +35,7 @@ from rb_dynamics.formats.mcap_records import Message
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import SCALAR, TRANSFORM, TRANSFORMS, WRENCH
-from rb_dynamics.formats.output_file import OutputFile, require_other
+from rb_dynamics.formats.output_file import OutputFile, renamed, require_other
 from rb_dynamics.formats.tables import Column, Rows, write_table
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
@@ -359,18 +358,20 @@ def log_to_rerun(
     scene, names = scene_and_names(source, _TO_CONVERT)
     facts = source.metadata[RUN]
     applied = {names[name + APPLIED]: name for name in acting(scene)}
-    sink, count, span = RerunSink(target), 0, found.span(window_s)
-    sink.open(RunInfo(scene, facts.get("method", ""), facts))
-    try:
-        columns = row_columns(scene, names)
-        for item in _part(_events(scene, names, applied, open_source(log).messages()), span):
-            if isinstance(item, SampleRow):
-                sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
-                count += 1
-            else:
-                sink.write(item)
-    finally:
-        sink.close(source.metadata.get(RESULT, {}))
+    count, span = 0, found.span(window_s)
+    with renamed(target) as new:
+        sink = RerunSink(new)
+        sink.open(RunInfo(scene, facts.get("method", ""), facts))
+        try:
+            columns = row_columns(scene, names)
+            for item in _part(_events(scene, names, applied, open_source(log).messages()), span):
+                if isinstance(item, SampleRow):
+                    sink.write(_sample(dict(zip(columns, item.numbers, strict=True)), item.time_ns))
+                    count += 1
+                else:
+                    sink.write(item)
+        finally:
+            sink.close(source.metadata.get(RESULT, {}))
     return count
 
 
@@ -434,7 +435,7 @@ def log_to_scene(log: str | Path, target: Path) -> None:
         pass
     if SCENE not in source.attachments:
         raise LogError(f"{source.path} has no {SCENE} attached, expected a log of this package; give one of its logs")
-    with contextlib.closing(OutputFile(target)) as file:
+    with OutputFile.whole(target) as file:
         file.write(source.attachments[SCENE])
 
 
@@ -455,7 +456,7 @@ def table_to_bag(table: Path, target: Path) -> int:
     qos = qos_profile(COMMAND_DEPTH)
     kinds = {topic: SCALAR if isinstance(command, float) else WRENCH for _, topic, command in commands}
     channels = {topic: log_channel(topic, kind, qos) for topic, kind in kinds.items()}
-    with contextlib.closing(OutputFile(target)) as file:
+    with OutputFile.whole(target) as file:
         writer = McapWriter(file, f"rb_dynamics {version()}")
         writer.begin()
         ids = {topic: writer.add_channel(channel) for topic, channel in channels.items()}

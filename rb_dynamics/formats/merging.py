@@ -6,7 +6,6 @@ of a run, and no command takes it for one.
 
 from __future__ import annotations
 
-import contextlib
 import heapq
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -61,17 +60,9 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
             cannot be written.
     """
     require_other(target, *paths)
-    try:
-        return _written(paths, target, span_ns)
-    except LogError:
-        target.unlink(missing_ok=True)
-        raise
-
-
-def _written(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     sources = [open_source(path) for path in paths]
     found, spans = Merged(), dict[str, dict[int, tuple[int, int]]]()
-    with contextlib.closing(OutputFile(target)) as file:
+    with OutputFile.whole(target) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}

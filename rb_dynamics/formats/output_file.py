@@ -1,15 +1,16 @@
 """`OutputFile`: a write succeeds as a whole or fails with a reason, and the file can be truncated on a full disk.
 
 Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
-is replaced once the new one can be opened. `require_other` and `require_apart` stop a command from overwriting its
-input or another of its outputs; `move_aside` keeps an earlier log.
+is replaced once the new one can be opened; with `OutputFile.whole`, or `renamed` for other writers, once the new one is
+finished. `require_other` and `require_apart` stop a command from overwriting its input or another of its outputs;
+`move_aside` keeps an earlier log.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
@@ -33,23 +34,79 @@ def make_folder(path: Path) -> None:
         ) from error
 
 
+@contextlib.contextmanager
+def renamed(path: Path) -> Iterator[Path]:
+    """Yield another name in the same folder; when the block ends, the file of that name is renamed to `path`.
+
+    After an error it is removed: a file called `path` is whole and on the disk, and an earlier one stays. What is no
+    file, as a pipe, is yielded itself.
+
+    Raises:
+        LogError: it cannot be renamed, or the disk does not take it.
+    """
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    target = path.resolve()
+    new = target.with_name(f".{target.stem}.part{target.suffix}")
+    try:
+        yield new
+        try:
+            _sync(new)
+            os.replace(new, target)
+        except OSError as error:
+            raise LogError(
+                f"cannot finish {path}: {error.strerror or error}; free space or give another file"
+            ) from error
+        with contextlib.suppress(OSError):
+            # Not every system can sync a folder; the file itself exists, under one of the two names.
+            _sync(target.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            new.unlink()
+
+
+def _sync(path: Path) -> None:
+    """Sync a file, or the names in a folder."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 class OutputFile:
     """One new file, written front to back."""
 
-    def __init__(self, path: Path) -> None:
-        """Create `path` and the folders above it.
+    def __init__(self, path: Path, whole: Path | None = None) -> None:
+        """Create `path` and the folders above it; `whole` is its name in the end, if it is removed after a failure.
 
         Raises:
             LogError: it cannot be written.
         """
-        self._path = path
+        self._path = whole or path
+        self._left = "nothing of it is kept" if whole else "what was written before stands and can be read"
         self._position = 0
         self._failure: LogError | None = None
         make_folder(path)
         try:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
-            raise LogError(f"cannot write {path}: {error.strerror or error}; give a file you may write to") from error
+            raise LogError(
+                f"cannot write {self._path}: {error.strerror or error}; give a file you may write to"
+            ) from error
+
+    @classmethod
+    @contextlib.contextmanager
+    def whole(cls, path: Path) -> Iterator[OutputFile]:
+        """Yield a file that is called `path` once the block has ended without an error, see `renamed`.
+
+        Raises:
+            LogError: it cannot be written.
+        """
+        make_folder(path)
+        with renamed(path) as new, contextlib.closing(cls(new, path)) as file:
+            yield file
 
     @property
     def closed(self) -> bool:
@@ -79,8 +136,8 @@ class OutputFile:
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
             self._failure = LogError(
-                f"cannot go on writing {self._path}: {error.strerror or error}; what was written before stands and can "
-                "be read. Free space or give another file"
+                f"cannot go on writing {self._path}: {error.strerror or error}; {self._left}. Free space or give "
+                "another file"
             )
             raise self._failure from error
         self._position += len(data)
@@ -102,7 +159,7 @@ class OutputFile:
             LogError: the disk does not take it.
         """
         try:
-            if self._path.is_file():
+            if Path(self._file.name).is_file():
                 os.fsync(self._file.fileno())
             self._file.close()
         except OSError as error:

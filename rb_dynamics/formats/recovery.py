@@ -5,7 +5,6 @@ Copies what can be read, byte for byte, and reports what could not. The damaged 
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -94,7 +93,7 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     # A file that is not MCAP at all is noticed before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
-    with contextlib.closing(OutputFile(target)) as file:
+    with OutputFile.whole(target) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import OutputFile, make_folder
+from rb_dynamics.formats.output_file import OutputFile, make_folder, renamed
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def _count(block: Rows) -> int:
 
 def _write_csv(path: Path, columns: Sequence[Column], blocks: Iterable[Rows]) -> int:
     count = 0
-    with contextlib.closing(OutputFile(path)) as file:
+    with OutputFile.whole(path) as file:
         file.write((",".join(column.name for column in columns) + "\n").encode())
         for block in blocks:
             rows = _count(block)
@@ -77,7 +76,7 @@ def _write_parquet(path: Path, columns: Sequence[Column], blocks: Iterable[Rows]
     schema, count = pa.schema(fields), 0
     make_folder(path)
     try:
-        with parquet.ParquetWriter(path, schema) as writer:
+        with renamed(path) as new, parquet.ParquetWriter(new, schema) as writer:
             for block in blocks:
                 rows = _count(block)
                 arrays = [
@@ -87,5 +86,5 @@ def _write_parquet(path: Path, columns: Sequence[Column], blocks: Iterable[Rows]
                 writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
                 count += rows
     except OSError as error:
-        raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error
+        raise LogError(f"cannot write {path}: {error}; free space or give another file") from error
     return count

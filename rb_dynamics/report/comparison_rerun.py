@@ -12,6 +12,7 @@ import numpy as np
 from rb_dynamics.analysis.recording_differences import MOTION, UNITS, Comparison, Difference, Side
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.errors import LogError, needing
+from rb_dynamics.formats.output_file import renamed
 from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.report import comparison_text as text
@@ -56,12 +57,14 @@ def write_comparison_recording(found: Comparison, target: str | os.PathLike[str]
             _send_plots(stream, found, each)
         about = rr.TextDocument(f"```\n{text.as_text(found)}\n```", media_type="text/markdown")
         stream.log("about", about, static=True)
-        with sending_to(address):
-            file = None if address else RerunFile(stream, path, layout)
-            if address:
+        if address:
+            with sending_to(address):
                 stream.connect_grpc(address, default_blueprint=layout)
-            stream.disconnect()
-            if file is not None:
+                stream.disconnect()
+        else:
+            with renamed(path) as new:
+                file = RerunFile(stream, new, layout)
+                stream.disconnect()
                 file.close()
     except (OSError, RuntimeError) as error:
         raise LogError(f"cannot write {path}: {error}; give a file you may write to") from error

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rb_dynamics.errors import LogError, needing
+from rb_dynamics.errors import needing
 from rb_dynamics.formats.log_metadata import version
-from rb_dynamics.formats.output_file import make_folder
+from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.report.interactive_plots import EXTRA, Picture, encode, library
 
 # All characters except text: those that HTML forbids, and marks that change the writing direction (202a.., 2066..).
@@ -148,12 +148,5 @@ def write_html(path: str | os.PathLike[str], report: Report) -> None:
         MissingExtraError: jinja2 is not installed.
     """
     page = render_html(report)
-    target = Path(path)
-    make_folder(target)
-    try:
-        target.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise LogError(
-            f"cannot write {target}: {error.strerror or error}, expected a file name such as run.html in a folder "
-            "that can be written; give another one"
-        ) from error
+    with OutputFile.whole(Path(path)) as file:
+        file.write(page.encode())

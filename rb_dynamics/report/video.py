@@ -7,7 +7,6 @@ interpolated.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import subprocess
@@ -23,7 +22,7 @@ from rb_dynamics.analysis.track import Array, Motion, Track, motion_of
 from rb_dynamics.body.inertia_quantities import equivalent_box
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import make_folder
+from rb_dynamics.formats.output_file import make_folder, renamed
 from rb_dynamics.numerics.rotation import matrix
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.plots import continuous
@@ -78,18 +77,13 @@ def write_video(
     if target.suffix.lower() not in FORMATS:
         raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     make_folder(target)
-    # An unfinished file must not have the name of a video, nor replace an earlier one.
-    part = target.with_name(f".{target.stem}.part{target.suffix}")
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     try:
-        part.open("wb").close()  # a path that cannot be written fails before the work
-        count = write(part, _frames(motion, rate, progress), rate)
-        part.replace(target)
+        with renamed(target) as part:
+            part.open("wb").close()  # a path that cannot be written fails before the work
+            count = write(part, _frames(motion, rate, progress), rate)
     except OSError as error:
         raise LogError(f"cannot write {target}: {error.strerror or error}; give a file that can be written") from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
     return count
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from command_line import command
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import LogError
@@ -71,3 +72,58 @@ def test_two_outputs_on_one_path_are_refused_however_it_is_written(
     assert "more than once, expected a file of its own for each output" in capsys.readouterr().err
     assert not (tmp_path / "q").exists()
     require_apart(["q", "sub/q"])
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["convert", "run.mcap", "out.csv"], "out.csv"),
+        (["convert", "run.mcap", "out.parquet"], "out.parquet"),
+        (["convert", "run.mcap", "out.rrd"], "out.rrd"),
+        (["convert", "run.mcap", "out.rrd", "--pose-topic", "pose"], "out.rrd"),
+        (["convert", "run.mcap", "out.mcap"], "out.mcap"),
+        (["convert", "run.mcap", "out.yaml"], "out.yaml"),
+        (["recover", "run.mcap", "out.mcap"], "out.mcap"),
+        (["inspect", "run.mcap", "--html", "out.html"], "out.html"),
+        (["compare", "run.mcap", "run.mcap", "--rerun", "out.rrd"], "out.rrd"),
+        (
+            ["identify", "scene.yaml", "run.mcap", "--fit", "inertia_ratios", "--starts", "1", "--out", "out.yaml"],
+            "out.yaml",
+        ),
+    ],
+)
+def test_where_a_disk_is_full_no_torso_is_left_and_an_earlier_file_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
+) -> None:
+    resource = pytest.importorskip("resource")
+    monkeypatch.chdir(tmp_path)
+    body = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}"
+    Path("scene.yaml").write_text(f"{body}\nduration: 2\ninitial: {{angular_velocity_body: [1, 2, 3]}}\n")
+    assert command("simulate", "scene.yaml", "--mcap", "run.mcap").returncode == 0
+    Path(name).write_text("an earlier one")
+    before, (soft, hard) = sorted(tmp_path.iterdir()), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, hard))
+    try:
+        done = command(*words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert done.returncode == 2
+    assert name.partition(".")[2] in done.stderr
+    assert "File too large" in done.stderr
+    assert Path(name).read_text() == "an earlier one"
+    assert sorted(tmp_path.iterdir()) == before
+    assert command(*words).returncode == 0
+    assert Path(name).stat().st_size > 64
+
+
+def test_a_link_stays_one_and_what_is_no_file_is_written_itself(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "there" / "file")
+    for _ in range(2):
+        with OutputFile.whole(tmp_path / "out") as file:
+            file.write(b"new")
+    assert (tmp_path / "out").is_symlink()
+    assert (tmp_path / "there" / "file").read_bytes() == b"new"
+    with OutputFile.whole(Path("/dev/null")) as file:
+        file.write(b"new")
+    assert not Path("/dev/null").is_file()

@@ -109,7 +109,7 @@ def _fly(args: argparse.Namespace, campaign: Campaign, store: Store) -> int:
     rows = read_rows(out)
     summary = summarise(campaign, rows)
     found = summary.as_dict()
-    with contextlib.closing(OutputFile(out.with_suffix(".json"))) as file:
+    with OutputFile.whole(out.with_suffix(".json")) as file:
         file.write(json.dumps(found, allow_nan=False).encode())
     show(args, lambda: found, lambda: as_text(campaign, summary, _options(args), str(out)))
     page = _write_page(args, campaign, rows, out, summary)

@@ -173,14 +173,12 @@ def _poses(
 
 def _scene_at(source: Path, target: Path, at_s: float) -> int:
     """Write the scene that continues a log at a time; exit code 0."""
-    import contextlib
-
     from rb_dynamics.formats.output_file import OutputFile, require_other
     from rb_dynamics.study.continued_run import scene_at
 
     require_other(target, source)
     found = scene_at(source, round(Decimal(repr(at_s)) * 10**9))
-    with contextlib.closing(OutputFile(target)) as file:
+    with OutputFile.whole(target) as file:
         file.write(found.text.encode())
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)

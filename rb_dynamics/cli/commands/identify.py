@@ -75,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rb_dynamics.analysis.identification.identify import identify
     from rb_dynamics.cli import output, scene_arguments
+    from rb_dynamics.formats.output_file import OutputFile
 
     output.prepare((args.out, args.html), args.scene, *args.recordings, *args.wrench, *args.validate)
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
@@ -93,7 +94,8 @@ def run(args: argparse.Namespace) -> int:
         )
     output.show(args, found.as_dict, lambda: as_text(found, args.advise))
     if args.out:
-        Path(args.out).write_text(found.scene.text, encoding="utf-8")
+        with OutputFile.whole(Path(args.out)) as file:
+            file.write(found.scene.text.encode())
         print(f"wrote {args.out}", file=output.note_of(args))
     if args.html:
         from rb_dynamics.report.identification_page import identification_report

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rb_dynamics.errors import LogError, needing
-from rb_dynamics.formats.output_file import make_folder
+from rb_dynamics.formats.output_file import make_folder, renamed
 from rb_dynamics.study.campaign.compatibility import Facts, check_same, facts_of
 from rb_dynamics.study.campaign.lock import lock
 from rb_dynamics.study.campaign.model import Campaign
@@ -100,7 +100,7 @@ class Store:
             raise LogError(f"found rows in {self._parts}, but no {facts.name} that says of which campaign; {_ANEW}")
         self._check_parts()
         self._check_not_more(max((last for _, last in self._on_disk()), default=0), self._parts)
-        with _renamed(facts) as new:
+        with renamed(facts) as new:
             new.write_text(json.dumps(facts_of(self._campaign)), encoding="utf-8")
 
     def _check_parts(self) -> None:
@@ -151,7 +151,7 @@ class Store:
         """
         first, last = int(columns["run"][0]), int(columns["run"][-1]) + 1
         try:
-            with _renamed(self._part(first, last)) as new:
+            with renamed(self._part(first, last)) as new:
                 self._parquet.write_table(self._table(columns), new, write_page_checksum=True)
         except OSError as error:
             raise LogError(
@@ -167,7 +167,7 @@ class Store:
         if self.complete:
             return
         try:
-            with _renamed(self.path) as new:
+            with renamed(self.path) as new:
                 self._join(new)
         except OSError as error:
             raise LogError(f"cannot write {self.path}: {error.strerror or error}; make room and run again") from error
@@ -284,30 +284,6 @@ def _readable(path: str | os.PathLike[str], rest: str = f"; it is damaged, {_REM
         yield
     except (OSError, ValueError) as error:
         raise LogError(f"cannot read {path}: {' '.join(str(error).split()).rstrip('.')}{rest}") from error
-
-
-@contextlib.contextmanager
-def _renamed(path: Path) -> Iterator[Path]:
-    """Yield a temporary path; when the block ends, the file is synced and renamed to `path`."""
-    new = path.with_name(f"{path.name}.new")
-    try:
-        yield new
-        _sync(new)
-        os.replace(new, path)
-        with contextlib.suppress(OSError):
-            # Not every system can sync a folder; the file itself exists, under one of the two names.
-            _sync(path.parent)
-    finally:
-        new.unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    """Sync a file, or the names in a folder."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _parquet() -> Any:

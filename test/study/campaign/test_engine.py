@@ -405,7 +405,11 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path: Path, m
     assert done == [
         f"{step} {name}"
         for file in ("campaign.json", part)
-        for step, name in (("disk", f"{file}.new"), ("name", file), ("disk", "rows.parquet.parts"))
+        for step, name in (
+            ("disk", f".{Path(file).stem}.part{Path(file).suffix}"),
+            ("name", file),
+            ("disk", "rows.parquet.parts"),
+        )
     ]
 
 
