@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
-from rb_dynamics.analysis.gaps import strays
+from rb_dynamics.analysis.gaps import misstamped, strays
 from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -781,6 +781,11 @@ def _steps(
     stamped = bag.topics[topic].stamps_given
     times = np.array([wrench.stamp_ns if stamped else log_time for log_time, wrench in commands], dtype=np.int64)
     times = times if stamped else line.stamps(times)
+    moved = np.empty(0, np.int64)
+    if stamped and RUN not in bag.metadata:
+        logged = np.array([log_time for log_time, _ in commands], dtype=np.int64)
+        far_off, place = misstamped(logged, times)
+        moved, times = times[far_off], np.where(far_off, place, times)
     far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
     if len(far):
         near = np.flatnonzero(~np.isin(times, far))
@@ -809,6 +814,7 @@ def _steps(
         standing=still,
         channel=limits,
         far_ns=tuple(far.tolist()),
+        moved_ns=tuple(moved.tolist()),
     )
 
 

@@ -121,13 +121,13 @@ class TimeSeries:
         return told + [still for still in [standing(self.time_ns)] if still]
 
 
-def _far(far_ns: Sequence[int], count: int, start_ns: int) -> str:
+def _far(far_ns: Sequence[int], count: int, start_ns: int, done: str = "left out") -> str:
     """Return that stamps of `count` messages are far from all the others, as text."""
     away = max(far_ns, key=lambda at: abs(at - start_ns)) - start_ns
     is_are, up_to = ("is", "") if len(far_ns) == 1 else ("are", "up to ")
     return (
         f"{len(far_ns)} of {count} stamps {is_are} far from all the others, {up_to}{abs(away) * 1e-9:.6g} s "
-        f"{'before' if away < 0 else 'after'} the start, and left out"
+        f"{'before' if away < 0 else 'after'} the start, and {done}"
     )
 
 
@@ -149,6 +149,7 @@ class RecordedWrench:
         channel: of the scene, whose commands these are; None for what is applied or of no channel.
         weight: whether it is the weight by the scene, which goes with the mass that is given.
         far_ns: stamps that are left out because they are far from all the others.
+        moved_ns: stamps that are as far, and not those at which the rows take effect: these follow the log times.
     """
 
     topic: str
@@ -164,10 +165,13 @@ class RecordedWrench:
     channel: Channel | None = None
     weight: bool = False
     far_ns: tuple[int, ...] = ()
+    moved_ns: tuple[int, ...] = ()
 
     def faults(self, start_ns: int) -> list[str]:
         """Return what is wrong with the stamps, as text; times count from `start_ns`."""
-        told = [_far(self.far_ns, len(self.time_ns) + len(self.far_ns), start_ns)] if self.far_ns else []
+        count = len(self.time_ns) + len(self.far_ns)
+        told = [_far(self.far_ns, count, start_ns)] if self.far_ns else []
+        told += [_far(self.moved_ns, count, start_ns, "taken at the log time instead")] if self.moved_ns else []
         return told + ([f"{self.standing}: when each wrench acted is not known"] if self.standing else [])
 
     def accepted(self) -> RecordedWrench:

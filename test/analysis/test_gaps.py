@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_rows import STAMPED, add, stamped
+from bag_rows import STAMPED, add, stamped, write_rows
 from foreign_bags import TF, transform, transforms, write_bag
 from tumbling import TWIST, WRENCH, bag_of, failing, fill, spin, summary_of
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.checks import losses
-from rb_dynamics.analysis.gaps import holes, silences, told, without_strays
+from rb_dynamics.analysis.gaps import holes, misstamped, silences, told, without_strays
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 STEP = 10_000_000
+WALL_NS = 1_700_000_000_123_456_789
 
 
 def without(*holes: tuple[int, int]) -> np.ndarray:
@@ -220,3 +222,29 @@ def test_a_command_far_from_all_the_others_is_left_out_and_named(far: int) -> No
     assert len(wrench.time_ns) == 199
     assert "1 of 200 stamps is far from all the others" in failing(bag)["/w is whole"]
     assert any("/w: 1 of 200 stamps is far" in each for each in losses(found))
+
+
+@pytest.mark.parametrize("by_s", [-1e9, -3600.0, 3600.0, 1e8])
+@pytest.mark.parametrize("row", [1, 10, 19])
+def test_a_command_with_a_stamp_far_off_acts_when_it_was_recorded(tmp_path: Path, by_s: float, row: int) -> None:
+    """The one before it acted on in its place, unless more than a hundred were recorded."""
+    times = WALL_NS + np.arange(20) * 100_000_000
+    stamps = times.tolist()
+    stamps[row] += round(by_s * 1e9)
+    rows = [
+        ("/wrench", STAMPED, at + 3_000_000, stamped(stamps[k], float(k), "")) for k, at in enumerate(times.tolist())
+    ]
+    (found,) = read_track(read_bag(write_rows(tmp_path / "bag.mcap", rows))).wrenches
+    assert found.time_ns.tolist() == times.tolist()
+    assert found.force[:, 0].tolist() == [*range(20)]
+    (said,) = found.faults(WALL_NS)
+    assert re.search(r"1 of 20 stamps is far from all the others, .* and taken at the log time instead", said)
+
+
+def test_a_command_that_is_kept_from_long_ago_and_a_clock_that_was_set_are_not_moved() -> None:
+    logged = np.arange(20) * 100_000_000
+    stamps = logged.copy()
+    stamps[0] -= 10**18
+    assert not misstamped(logged, stamps)[0].any()
+    stamps[10:] -= 10**18
+    assert not misstamped(logged, stamps)[0].any()
