@@ -211,10 +211,13 @@ class _TrackReader:
             rates=rates,
             specific_force=self.specific_force,
         )
-        if self.scene is None:
-            return track
-        held = acting_wrenches(wrenches, self.scene, self.bag.missing, track.zero_ns)
-        return replace(track, by_scene=held)
+        if self.scene is not None:
+            held = acting_wrenches(wrenches, self.scene, self.bag.missing, track.zero_ns)
+            track = replace(track, by_scene=held)
+        if twist is not None and pose is None and not (own or spikes):
+            pushes = ((each.time_ns, np.hstack([each.force, each.torque])) for each in track.by_scene or wrenches)
+            track = replace(track, twist=without_spikes(twist, None, twist_in_world, pushes))
+        return track
 
     def _nothing(self) -> LogError:
         """Return the error of a bag without anything to inspect, with the table of its topics."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -22,14 +23,22 @@ _TURNED = 2.0
 # The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
 # follow, it shows less than this part, even with this multiple of the noise of their mean more.
 _FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
+# Without a pose, wrenches may make a spike where they change so many times as much as is usual.
+_PUSHES = 2.0
 # It cannot tell where samples on either side are missing: farther apart than so many usual intervals.
 _MISSING = 2.5
 
 
-def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeSeries:
-    """Return the twist with each spike named, and what lies between the samples about it in its place."""
+def without_spikes(
+    twist: TimeSeries, pose: TimeSeries | None, in_world: bool, wrenches: Iterable[tuple[Times, Array]] = ()
+) -> TimeSeries:
+    """Return the twist with each spike named, and what lies between the samples about it in its place.
+
+    What the pose follows is motion; without a pose, what comes where `wrenches` (times and rows of each) change may be.
+    """
     if len(twist.time_ns) <= _STEPS:
         return twist
+    pushed = _pushed(twist.time_ns, wrenches)
     values = twist.values
     told: list[Spikes] = []
     seconds = (twist.time_ns - twist.time_ns[0]) * 1e-9
@@ -44,9 +53,9 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
             continue
         about = _about(seconds, rows, odd)
         beyond = rows[at] - about
-        size, pose_noise = np.linalg.norm(beyond, axis=1), np.inf
+        size, pose_noise = np.linalg.norm(beyond, axis=1), np.inf if pose is not None else 0.0
         followed = np.zeros(len(at))
-        if (shown := rates_of(pose)) is not None:
+        if pose is not None and (shown := rates_of(pose)) is not None:
             near = np.searchsorted(shown.twist.time_ns, twist.time_ns[at]).clip(max=len(shown.twist.time_ns) - 1)
             rates, pose_noise = shown.twist.values[near, columns], shown.noise[number]
             if in_world:
@@ -55,7 +64,7 @@ def without_spikes(twist: TimeSeries, pose: TimeSeries, in_world: bool) -> TimeS
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
         alone &= _between_neighbours(twist.time_ns, twist.time_ns[at])
-        alone &= _between_neighbours(pose.time_ns, twist.time_ns[at])
+        alone &= ~pushed[at] if pose is None else _between_neighbours(pose.time_ns, twist.time_ns[at])
         weight = float(np.sum(size[alone] ** 2))
         hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
         if alone.any() and float(np.sum((followed * size)[alone])) + hidden <= _FOLLOWS * weight:
@@ -101,6 +110,21 @@ def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes 
         beyond = [np.abs(speeds.values[s] - u).max(initial=0.0) for s, u in zip(spans, speed, strict=True)]
         alone &= np.array(beyond) * usual <= _FOLLOWS * size
     return Spikes("m", time_ns[at[alone]], size[alone]) if alone.any() else None
+
+
+def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[np.bool_]:
+    """Return near which samples wrenches change to and fro, by more than is usual in parts of their largest."""
+    reach = (_AROUND + 1) * int(np.median(np.diff(time_ns)))
+    changed, changes = np.zeros(len(time_ns)), np.zeros(len(time_ns), dtype=np.int64)
+    for times, rows in wrenches:
+        largest = np.abs(rows).max(axis=0, initial=0.0)
+        steps = (np.abs(np.diff(rows, axis=0, prepend=0.0)) / np.where(largest > 0.0, largest, 1.0)).sum(axis=1)
+        until, count = (np.append(0, np.cumsum(each)) for each in (steps, steps > 0.0))
+        first, last = np.searchsorted(times, time_ns - reach), np.searchsorted(times, time_ns + reach, side="right")
+        changed += until[last] - until[first]
+        changes += count[last] - count[first]
+    pushed: NDArray[np.bool_] = (changes > 1) & (changed > _PUSHES * np.median(changed))
+    return pushed
 
 
 def _usual_rates(seconds: Array, rows: Array) -> Array:

@@ -126,3 +126,22 @@ def test_positions_that_a_velocity_follows_are_no_spikes() -> None:
     assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is not None
     speeds[[499, 501]] = 25.0
     assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is None
+
+
+def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:
+    """Five wild samples of a gyro in 4000 left nothing known, and a verdict in which they counted as motion."""
+    random, time_ns = np.random.default_rng(1), np.arange(4000) * 10_000_000
+    twists = 1e-3 * random.standard_normal((4000, 6)) + np.sin(np.arange(4000) * 3e-3)[:, None]
+    at = [700, 701, 1500, 2500, 3999]
+    twists[at] += 0.5 * random.choice([-1.0, 1.0], (5, 6))
+    twist = TimeSeries("/t", time_ns, twists)
+    found = without_spikes(twist, None, False)
+    assert [each.unit for each in found.spikes] == ["m/s", "rad/s"]
+    assert all((each.time_ns // 10_000_000).tolist() == at for each in found.spikes)
+    # Two wrenches that turn the body to and fro, among others or alone, may have made one of them.
+    alone = np.array([-0.01, 15.0, 15.01]) * 1e9, np.array([[0.0], [1.0], [0.0]])
+    every = np.arange(4000.0) * 1e7, 0.01 * random.standard_normal((4000, 1))
+    every[1][1500:1502] = [[1.0], [-1.0]]
+    for times, rows in (alone, every):
+        found = without_spikes(twist, None, False, [(times.astype(np.int64), rows)])
+        assert all(1500 not in each.time_ns // 10_000_000 and len(each.size) == 4 for each in found.spikes)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
-from rb_dynamics.analysis.gaps import NAMED, holes, listed
+from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
-from rb_dynamics.analysis.spikes import spikes_of_position
-from rb_dynamics.analysis.track import Array, RecordedWrench, Times, TimeSeries, Track, frame_names, unit_rows
+from rb_dynamics.analysis.spikes import spikes_of_position, without_spikes
+from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
 from rb_dynamics.loads.wrench_channels import Channel
@@ -33,6 +34,8 @@ NO_WRENCH = "no wrench is recorded: nothing but the effects of the scene is take
 
 # A motion is followed over holes that together last this many times as long as is measured.
 _BRIDGED = 10.0
+# Of holes in which commands are missing, too, at most so many begin another piece: the longest.
+_MOST_LOST = 20
 # rad/s: no gyro has an error that large and constant.
 _NO_SENSOR = 0.5
 _FEWEST = 4
@@ -125,11 +128,17 @@ class Flight:
         """
         first, last = self.span_ns
         moves, leapt = ([each for each in some if first <= each < last] for some in (self.moved_ns, self.set_ns))
-        breaks = [each for each in self._holes() if each[0] not in leapt]
+        breaks, bridged = ([each for each in some if each[0] not in leapt] for some in self._holes())
         edges = [first, *sorted({each + 1 for each in (*moves, *leapt, *(begin for begin, _ in breaks))}), last + 1]
-        if len(edges) == 2:
-            return [self]
         notes = []
+        if bridged:
+            each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in bridged[:NAMED]], len(bridged))
+            notes.append(
+                f"nothing was measured for {each}: the motion there is that of the model alone; if a clock leapt "
+                "there, cut the recording"
+            )
+        if len(edges) == 2:
+            return [replace(self, notes=(*self.notes, *notes))]
         if moves:
             at = ", ".join(f"{each / 1e9:.9g}" for each in moves)
             notes.append(
@@ -145,8 +154,9 @@ class Flight:
         if breaks:
             each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in breaks[:NAMED]], len(breaks))
             notes.append(
-                f"nothing was measured for {each}, over which the motion is not followed: each piece is fitted from a "
-                "start of its own; if a clock leapt there, cut the recording with convert --from or --to"
+                f"nothing was measured for {each}, over which the motion is not followed, as it is too long or "
+                "commands are missing, too: each piece is fitted from a start of its own; if a clock leapt there, cut "
+                "the recording with convert --from or --to"
             )
         pieces = [
             self.between(*span)
@@ -158,8 +168,10 @@ class Flight:
             for k, piece in enumerate(pieces)
         ] or [self]
 
-    def _holes(self) -> list[tuple[int, int]]:
-        """Return begin and end of the holes over which a motion is not followed.
+    def _holes(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+        """Return begin and end of the holes over which a motion is not followed, and of other long ones.
+
+        It is not followed where it is too far, nor where commands are missing that otherwise come steadily.
 
         Raises:
             LogError: no sensor measured on both sides of one.
@@ -177,6 +189,21 @@ class Flight:
                     f"{self.name}: no sensor measured both before and after {begin * 1e-9:.6g} to {end * 1e-9:.6g} s: "
                     f"{each}; expected sensors of one clock; stamp them by one clock, or leave out all but those of one"
                 )
+        every = set(holes(times, np.inf)) - set(found)
+        lost = sorted(self._without_commands(every), key=lambda hole: hole[0] - hole[1])[:_MOST_LOST]
+        long = max(LONG_S * 1e9, LONG_INTERVALS * min(map(usual_interval, times), default=0.0))
+        return sorted([*found, *lost]), sorted(hole for hole in every - {*lost} if hole[1] - hole[0] >= long)
+
+    def _without_commands(self, some: Iterable[tuple[int, int]]) -> set[tuple[int, int]]:
+        """Return the holes in which no command of a channel came, for longer than usual, as others did about them."""
+        found: set[tuple[int, int]] = set()
+        for times in (channel.time_ns for channel in self.channels if len(channel.time_ns)):
+            usual, ends = longest_usual(times), [-(2**62), *times.tolist(), 2**62]
+            for begin, end in some if usual < np.inf else ():
+                # The commands next to it, on either side.
+                one, other = bisect_right(ends, begin) - 1, bisect_left(ends, end)
+                if other == one + 1 and end - begin > usual >= max(begin - ends[one], ends[other] - end):
+                    found.add((begin, end))
         return found
 
     def between(self, first_ns: int, end_ns: int) -> Flight:
@@ -203,18 +230,11 @@ class Flight:
         return self._without_samples(at, f"of a command: {why}")
 
     def without_spikes(self) -> Flight:
-        """Return the same without spikes of positions, which velocities do not follow.
+        """Return the same without spikes of positions, velocities and rates that nothing else follows.
 
         One far away leaves more than all noise, and nothing would be known.
         """
-        quick = [stream for stream in self.streams if stream.kind == VELOCITY]
-        speeds = [TimeSeries(each.topic, each.time_ns, np.linalg.norm(each.values, axis=1)) for each in quick]
-        found = [
-            spikes_of_position(TimeSeries(each.topic, each.time_ns, each.values), next(iter(speeds), None))
-            if each.kind == POSITION
-            else None
-            for each in self.streams
-        ]
+        found = [self._spikes(stream) for stream in self.streams]
         notes = [
             f"{each.topic} {each.kind}: of {len(each.time_ns)} samples {spikes.told(0)}"
             for each, spikes in zip(self.streams, found, strict=True)
@@ -225,6 +245,24 @@ class Flight:
             for each, spikes in zip(self.streams, found, strict=True)
         )
         return replace(self, streams=tuple(streams), notes=(*self.notes, *notes)) if notes else self
+
+    def _spikes(self, stream: Stream) -> Spikes | None:
+        """Return the spikes of a stream that nothing else follows; None of one without."""
+        by_kind = {kind: [each for each in self.streams if each.kind == kind] for kind in UNITS}
+        if stream.kind == POSITION:
+            quick = [TimeSeries(s.topic, s.time_ns, np.linalg.norm(s.values, axis=1)) for s in by_kind[VELOCITY]]
+            return spikes_of_position(TimeSeries(stream.topic, stream.time_ns, stream.values), next(iter(quick), None))
+        if stream.kind not in (VELOCITY, RATES):
+            return None
+        pose, turned = None, next(iter(by_kind[ATTITUDE]), None)
+        if stream.kind == RATES and turned is not None:
+            pose = TimeSeries(turned.topic, turned.time_ns, np.hstack([_blank(turned), turned.values]))
+        elif stream.kind == VELOCITY and by_kind[POSITION]:
+            return None
+        parts = [stream.values if stream.kind == kind else _blank(stream) for kind in (VELOCITY, RATES)]
+        twist = TimeSeries(stream.topic, stream.time_ns, np.hstack(parts))
+        pushes = ((channel.time_ns, channel.held) for channel in self.channels)
+        return next(iter(without_spikes(twist, pose, stream.world, pushes).spikes), None)
 
     def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str) -> Flight:
         """Return the same without the samples `marked` in each stream, with a note: they have the time `why`."""

@@ -494,3 +494,51 @@ def test_a_position_far_away_is_left_out_and_named() -> None:
     (mass,) = (each for each in found.parameters if each.name == "mass")
     assert mass.standard_error is not None
     assert abs(mass.value - body.mass) < 4.0 * mass.standard_error
+
+
+@pytest.mark.parametrize("pose", [None, 1e-3])
+def test_rates_far_away_are_left_out_and_named(pose: float | None) -> None:
+    """Three of 300 left nothing known."""
+    body = random_body(np.random.default_rng(3))
+    made = flown(body, np.random.default_rng(3), torque=1.0, pose=pose)
+    gyro, *others = made.streams
+    values = gyro.values.copy()
+    values[[50, 130, 131], 1] += [5.0, -4.0, 4.0]
+    found = identify(guess(body), [replace(made, streams=(replace(gyro, values=values), *others))], ["inertia"])
+    assert found.passed
+    assert found.explained
+    (said,) = (note for note in found.notes if "spike" in note)
+    assert "imu rates: of 301 samples 3 are spikes, up to 5" in said
+
+
+def with_hole(flight: Flight, begin_s: float, end_s: float, commands: bool) -> Flight:
+    """Return the same without what was measured, and commanded, in between."""
+    streams = (s.rows((s.time_ns <= begin_s * 1e9) | (s.time_ns >= end_s * 1e9)) for s in flight.streams)
+    channels = []
+    for each in flight.channels:
+        # Only changes are commands.
+        kept = np.append(True, (np.diff(each.held, axis=0) != 0.0).any(axis=1))
+        kept &= (each.time_ns <= begin_s * 1e9) | (each.time_ns >= end_s * 1e9) | commands
+        channels.append(WrenchSeries(each.topic, each.time_ns[kept], each.held[kept]))
+    return replace(flight, streams=tuple(streams), channels=tuple(channels))
+
+
+def test_a_hole_without_the_commands_that_came_steadily_begins_another_piece() -> None:
+    """Those before it acted on through it: the fit was wrong, and took minutes."""
+    made = flown(random_body(np.random.default_rng(3)), np.random.default_rng(3), torque=1.0, seconds=20.0)
+    assert len(made.pieces()) == 1
+    (whole,) = with_hole(made, 8.0, 10.0, commands=True).pieces()
+    assert "nothing was measured for 2 s from 8 s: the motion there is that of the model alone" in whole.notes[-1]
+    first, second = with_hole(made, 8.0, 10.0, commands=False).pieces()
+    assert [each.span_ns for each in (first, second)] == [(0, 8 * 10**9), (10 * 10**9, 20 * 10**9)]
+    assert "2 s from 8 s, over which the motion is not followed" in first.notes[-1]
+    # A hole in which no command was due says nothing.
+    (whole,) = with_hole(made, 8.0, 8.1, commands=False).pieces()
+    assert not whole.notes
+
+
+def test_many_holes_without_commands_do_not_make_as_many_pieces() -> None:
+    made = flown(random_body(np.random.default_rng(3)), np.random.default_rng(3), torque=1.0, seconds=130.0)
+    for k in range(25):
+        made = with_hole(made, 5.0 * k + 1.0, 5.0 * k + 2.0, commands=False)
+    assert len(made.pieces()) == 21
