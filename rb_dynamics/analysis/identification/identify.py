@@ -333,10 +333,16 @@ def identify(
     if held_out:
         rest = predicting(report.model, report.z, result.scene, held_out)
         alone = fitted(rest, 1, loss, seed)
-        result = replace(result, validation=tuple(residuals_of(rest, alone, fit_bands(alone))))
+        left = tuple(residuals_of(rest, alone, fit_bands(alone)))
+        result = replace(result, validation=left, notes=(*result.notes, *_notes_of(held_out)))
         if result.validated is False:
             result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
     return result
+
+
+def _notes_of(flights: Sequence[Flight]) -> list[str]:
+    """Return the remarks on recordings, each with the name of its own."""
+    return [f"{flight.name}: {note}" for flight in flights for note in flight.notes]
 
 
 def _chance_of_one_body(report: _Report, held_out: Sequence[Flight], starts: int, loss: str, seed: int) -> float:
@@ -673,7 +679,7 @@ class _Report:
             principal_errors=(first, second, third),
             notes=(
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
-                *(f"{flight.name}: {note}" for flight in self.model.flights for note in flight.notes),
+                *_notes_of(self.model.flights),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),

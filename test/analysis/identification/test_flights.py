@@ -511,6 +511,18 @@ def test_rates_far_away_are_left_out_and_named(pose: float | None) -> None:
     assert "imu rates: of 301 samples 3 are spikes, up to 5" in said
 
 
+def test_what_is_left_out_of_a_recording_that_is_held_out_is_named() -> None:
+    """It was said to be predicted, without a word about the samples that did not count."""
+    body = random_body(np.random.default_rng(3))
+    made = flown(body, np.random.default_rng(3), torque=1.0)
+    values = made.streams[0].values.copy()
+    values[60, 1] += 5.0
+    held_out = replace(made, name="other", streams=(replace(made.streams[0], values=values),))
+    found = identify(guess(body), [made], ["inertia"], validate=[held_out])
+    assert found.validated
+    assert [note for note in found.notes if note.startswith("other: imu rates: of 301 samples 1 is a spike")]
+
+
 def with_hole(flight: Flight, begin_s: float, end_s: float, commands: bool) -> Flight:
     """Return the same without what was measured, and commanded, in between."""
     streams = (s.rows((s.time_ns <= begin_s * 1e9) | (s.time_ns >= end_s * 1e9)) for s in flight.streams)
