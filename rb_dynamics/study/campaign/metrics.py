@@ -106,6 +106,8 @@ _FUNCTIONS: Mapping[str, Quantity] = {
     "clipped_commands": clipped_commands,
 }
 
+LARGEST: Mapping[str, float] = {"attitude": math.pi}
+"""Largest possible value of a quantity, if it has one; the least of each is 0."""
 
 OF_ACTUATORS: Mapping[str, type[Actuator]] = {
     "wheel_speed": ReactionWheel,

@@ -27,7 +27,7 @@ from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.campaign import laws
 from rb_dynamics.study.campaign.block_propagation import CHANNEL, FORCE, TORQUE, step_ns
 from rb_dynamics.study.campaign.control import DELAY, NOT_NEGATIVE, NUMBER, POSITIVE, RULES, sharing
-from rb_dynamics.study.campaign.metrics import OF_ACTUATORS, QUANTITIES, REDUCTIONS, MetricAccumulator
+from rb_dynamics.study.campaign.metrics import LARGEST, OF_ACTUATORS, QUANTITIES, REDUCTIONS, MetricAccumulator
 from rb_dynamics.study.campaign.model import SAMPLINGS, Campaign, Control, Metric, Requirement
 from rb_dynamics.study.campaign.read_dispersions import correlations, inputs
 from rb_dynamics.study.campaign.user_functions import find_function
@@ -108,7 +108,9 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
     observe = root.get("observe_rate")
     if observe is not None:
         period_ns = _period_ns(observe, observe.number(_RATE, 1.0))
-    requirements = _requirements(root.get("require"), metrics)
+    dispersed = any(each.name == "duration" for each in found)
+    longest = math.inf if dispersed or base.duration is None else base.duration
+    requirements = _requirements(root.get("require"), metrics, longest)
     _check_grid(root, base, control)
     if problems:
         raise problems.error()
@@ -351,20 +353,13 @@ def _metrics(root: Section, control: Control | None, base: Scene, taken: Contain
                 "add target: {x:, y:, z:, w:} to the metric",
                 f"{list(target)} as the target of the law",
             )
-        below, above = section.number("below", NUMBER, math.inf), section.number("above", NUMBER, -math.inf)
+        of = "" if quantity is None else _name(quantity, tuple(QUANTITIES))
+        above, below = _limits(section, of, *_values_of(of))
         if given[0] == "time_to" and not ({"below", "above"} & section.values.keys()):
             entry.reject("a threshold for time_to", "add below: or above:", "no threshold")
-        found.append(
-            Metric(
-                name,
-                given[0],
-                "" if quantity is None else _name(quantity, tuple(QUANTITIES)),
-                aim.quaternion() if aim else target or IDENTITY,
-                below,
-                above,
-                stays is None or stays.flag(default=True),
-            )
-        )
+        _refuse_idle(section, given[0], of)
+        stay = stays is None or stays.flag(default=True)
+        found.append(Metric(name, given[0], of, aim.quaternion() if aim else target or IDENTITY, below, above, stay))
     if not found and not root.field.problems:
         field.reject("at least one metric", "add one, such as final_rate: {final: rate}")
     return tuple(found)
@@ -374,15 +369,49 @@ def _is_attitude(numbers: Sequence[float]) -> bool:
     return len(numbers) == 4 and unit((numbers[0], numbers[1], numbers[2], numbers[3])) is not None
 
 
-def _requirements(field: Field | None, metrics: Sequence[Metric]) -> tuple[Requirement, ...]:
+def _refuse_idle(section: Section, reduction: str, quantity: str) -> None:
+    """Refuse keys of a metric that change nothing, as a limit does that was meant for `require`."""
+    for key in ("below", "above", "stays"):
+        if reduction != "time_to" and (field := section.get(key)):
+            mend = "remove it" if key == "stays" else "write the limit under require, or take time_to"
+            field.reject(f"no {key} in a metric that is not time_to", mend)
+    if quantity in QUANTITIES and quantity != "attitude" and (field := section.get("target")):
+        field.reject("no target, as only attitude has one", "remove it")
+
+
+def _values_of(quantity: str) -> tuple[float, float]:
+    """Return the least and the largest possible value of a quantity; infinite for a function of the user."""
+    return (0.0, LARGEST.get(quantity, math.inf)) if quantity in QUANTITIES else (-math.inf, math.inf)
+
+
+def _limits(section: Section, name: str, least: float, largest: float) -> tuple[float, float]:
+    """Return `above` and `below` of a section; they are refused if no value from `least` to `largest` is between."""
+    above, below = section.number("above", NUMBER, -math.inf), section.number("below", NUMBER, math.inf)
+    if not (above < below and below > least and above < largest):
+        possible = f"{name} is " + (
+            f"at least {least:g}" if math.isinf(largest) else f"from {least:g} to {largest:.9g}"
+        )
+        why = "nothing lies between" if above >= below else possible
+        section.field.reject(f"limits that {name} can meet", f"{why}: correct above or below")
+    return above, below
+
+
+def _requirements(field: Field | None, metrics: Sequence[Metric], longest: float) -> tuple[Requirement, ...]:
+    """Return the requirements of runs that last at most `longest` s."""
     if field is None:
         return ()
-    section = field.section([metric.name for metric in metrics])
+    by_name = {metric.name: metric for metric in metrics}
+    section = field.section(list(by_name))
     found = []
     for name in section.values:
         limits = section.section(name, ("below", "above"))
         if not limits.values:
             limits.field.reject("below or above", "write for example {below: 0.01}")
-        low, high = limits.number("above", NUMBER, -math.inf), limits.number("below", NUMBER, math.inf)
-        found.append(Requirement(name, high, low))
+        metric = by_name.get(name)
+        if metric is None:
+            values = -math.inf, math.inf
+        else:
+            values = (0.0, longest) if metric.reduction == "time_to" else _values_of(metric.quantity)
+        above, below = _limits(limits, name, *values)
+        found.append(Requirement(name, below, above))
     return tuple(found)

@@ -69,6 +69,16 @@ def test_overrides(tmp_path: Path) -> None:
         (("{final: rate}", "{final: rate, worst: rate}"), r"exactly one of final, worst"),
         (("final_rate: {final", "error: {final"), r"metrics.error: found the name error, expected a name"),
         (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
+        (("{final: rate}", "{final: rate, below: 1}"), r"final_rate.below: found 1, .* write the limit under require"),
+        (("{final: rate}", "{final: rate, stays: true}"), r"final_rate.stays: found .* not time_to; remove it"),
+        (("rate, below: 0.4}", "rate, below: 0.0}"), r"metrics.settled: .* expected limits that rate can meet; rate is"),
+        (("rate, below: 0.4}", "rate, below: 0.4, target: {x: 0, y: 0, z: 0, w: 1}}"), r"settled.target: .* remove it"),
+        (("rate, below: 0.4}", "attitude, above: 3.2}"), r"attitude is from 0 to 3.14159265: correct above or below"),
+        (("{below: 0.25}", "{below: -1}"), r"require.final_rate: found .* can meet; final_rate is at least 0: correct"),
+        (("{below: 0.25}", "{below: 1, above: 2}"), r"require.final_rate: .* nothing lies between: correct above or"),
+        (("{below: 0.25}", "{below: 1, above: 1}"), r"require.final_rate: .* nothing lies between: correct above or"),
+        (("{below: 0.25}", "{above: .nan}"), r"require.final_rate.above: .*infinities and NaN are not accepted"),
+        (("final_rate: {below: 0.25}", "settled: {above: 2}"), r"require.settled: .* settled is from 0 to 2: correct"),
         (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
         (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
         (("deviation: 0.2", "deviation: 1e308"), r"normal: .* expected numbers within the range of double precision"),
@@ -87,6 +97,16 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], message:
     assert change[0] in CAMPAIGN
     with pytest.raises(SceneError, match=message):
         read_campaign(write(tmp_path, CAMPAIGN.replace(*change)))
+
+
+def test_limits_that_can_be_met_are_accepted(tmp_path: Path) -> None:
+    text = CAMPAIGN.replace(
+        "final_rate: {below: 0.25}", "final_rate: {above: -1, below: 1e-300}\n  settled: {above: 1.99}"
+    )
+    assert [each.above for each in read_campaign(write(tmp_path, text)).requirements] == [-1.0, 1.99]
+    # A duration that differs from run to run may be longer than that of the scene.
+    longer = text.replace("1.99", "2.5").replace("disperse:", "disperse:\n  duration: {uniform: {low: 1, high: 3}}")
+    assert len(read_campaign(write(tmp_path, longer)).requirements) == 2
 
 
 @pytest.mark.parametrize(
