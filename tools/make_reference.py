@@ -218,7 +218,7 @@ MEANING = {
     "bias": "one number for all axes, or one for each",
     "scale": "relative error of scale; one number for all axes, or one for each",
     "misalignment": "rad, rotation vector by which a true vector is turned; the sensitive axes turn the other way",
-    "range": "largest magnitude of each component; none by default",
+    "range": "largest magnitude of each component, at least `resolution`; none by default",
     "resolution": "each component is rounded to a whole multiple of it; none by default",
     "position_noise": "m, standard deviation of each coordinate in every sample",
     "orientation_noise": "rad, likewise of the angle about each axis",

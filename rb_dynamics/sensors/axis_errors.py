@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import SceneError
@@ -35,7 +36,7 @@ class AxisNumbers(NamedTuple):
         gain: of each axis.
         white: standard deviation of the white noise in a sample.
         step: of the random walk of the bias, from sample to sample.
-        limit: the range.
+        limit: the largest size of the output: within the range, and a whole multiple of the resolution.
         unit: the resolution.
     """
 
@@ -49,7 +50,7 @@ class AxisNumbers(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AxisErrors:
-    """Measured = (1 + scale) R(misalignment) true + bias + its random walk + white noise, then range and resolution.
+    """Measured = (1 + scale) R(misalignment) true + bias + its random walk + white noise, then resolution and range.
 
     Attributes:
         noise_density: N, unit / sqrt(Hz).
@@ -58,8 +59,9 @@ class AxisErrors:
         scale: relative error of scale of each axis.
         misalignment: rotation vector, rad, by which a true vector is turned in the frame: the sensitive axes are turned
             the other way.
-        range: the largest size of each component; infinite for no limit.
-        resolution: step of the output: each component is a whole multiple of it; 0 for no steps.
+        range: the largest size of each component; infinite for no limit. At least the resolution.
+        resolution: step of the output: each component is a whole multiple of it, and saturates at the last within the
+            range, as that of a converter does; 0 for no steps.
     """
 
     noise_density: float = 0.0
@@ -83,8 +85,9 @@ class AxisErrors:
         for name in ("bias", "scale", "misalignment"):
             object.__setattr__(self, name, vector(getattr(self, name), name, "one number for each axis", SceneError))
         if self.range != math.inf:
-            expected = "a number greater than 0, infinite for no limit"
-            object.__setattr__(self, "range", number(self.range, "range", expected, SceneError, above=0.0))
+            unit = self.resolution
+            value = number(self.range, "range", _reaching(unit), SceneError, least=unit, above=0.0)
+            object.__setattr__(self, "range", value)
 
     @classmethod
     def read(cls, entry: SceneEntry | None) -> AxisErrors:
@@ -98,7 +101,8 @@ class AxisErrors:
         }
         limit = math.inf
         if entry.has("range"):
-            limit = entry.number("range", "a number greater than 0", lambda v: v > 0.0, "leave it out for no limit")
+            unit, remedy = sizes["resolution"], "leave it out for no limit"
+            limit = entry.number("range", _reaching(unit), lambda v: v > 0.0 and v >= unit, remedy)
         return cls(
             sizes["noise_density"],
             sizes["random_walk"],
@@ -113,7 +117,15 @@ class AxisErrors:
         """Return the numbers of `measured` at so many samples a second."""
         white, step = self.noise_density * math.sqrt(rate), self.random_walk / math.sqrt(rate)
         gain = add((1.0, 1.0, 1.0), self.scale)
-        return AxisNumbers(exp(self.misalignment), gain, white, step, self.range, self.resolution)
+        return AxisNumbers(exp(self.misalignment), gain, white, step, self._saturation, self.resolution)
+
+    @property
+    def _saturation(self) -> float:
+        """The last step of the output within the range, both taken as the decimal numbers that were written."""
+        if math.isinf(self.range) or not self.resolution > 0.0:
+            return self.range
+        steps = Fraction(repr(self.range)) // Fraction(repr(self.resolution))
+        return min(self.range, steps * self.resolution) if steps < _WHOLE else self.range
 
     def measuring(self, random: RandomNumbers, lane: int, rate: float) -> Callable[[int, Vector], Vector]:
         """Return a function that adds the errors to true vectors, with noise of the lanes `lane` and `lane` + 1."""
@@ -144,15 +156,18 @@ def measured(n: AxisNumbers, bias: Vector, key: Key, lane: int, sample: int, tru
 
 
 def _shown(n: AxisNumbers, value: float) -> float:
-    """Return a value within the range and at the resolution."""
-    value = min(n.limit, max(-n.limit, value))
-    if not n.unit > 0.0:
-        return value
-    steps = value / n.unit
-    if abs(steps) < _WHOLE:
-        # To the nearest whole number, as `round` does, and 0 for -0.
-        steps = (steps + _ROUND) - _ROUND + 0.0
-    return steps * n.unit
+    """Return a value at the resolution and within the range."""
+    if n.unit > 0.0:
+        steps = value / n.unit
+        if abs(steps) < _WHOLE:
+            # To the nearest whole number, as `round` does, and 0 for -0.
+            value = ((steps + _ROUND) - _ROUND + 0.0) * n.unit
+    return min(n.limit, max(-n.limit, value))
+
+
+def _reaching(unit: float) -> str:
+    """Return what a range must be, for an error message."""
+    return f"a number of at least the resolution, {unit:g}" if unit > 0.0 else "a number greater than 0"
 
 
 AXIS_KEYS = tuple(field.name for field in fields(AxisErrors))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from rb_dynamics.errors import SceneError
 from rb_dynamics.sensors.axis_errors import AxisErrors
 from rb_dynamics.sensors.random_numbers import RandomNumbers, philox
 
@@ -62,7 +63,32 @@ def test_errors_of_an_axis_act_in_the_order_that_they_say() -> None:
         bias=(0.1, 0.0, -0.2), scale=(0.01, 0.0, 0.0), misalignment=(0.0, 0.0, math.pi / 2), range=2.0, resolution=0.25
     )
     measure = errors.measuring(RandomNumbers(0, "x"), 0, 1.0)
-    # Turned to (-2, 1, 5), scaled and off by the bias: (-1.92, 1, 4.8); cut to the range, rounded to the resolution.
+    # Turned to (-2, 1, 5), scaled and off by the bias: (-1.92, 1, 4.8); rounded to the resolution, cut to the range.
     assert measure(0, (1.0, 2.0, 5.0)) == pytest.approx((-2.0, 1.0, 2.0))
     assert measure(1, (1.0, 1.7, 0.3)) == pytest.approx((-1.5, 1.0, 0.0))
     assert errors.covariance(4.0)[0] == pytest.approx(0.25**2 / 12.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "resolution", "largest"),
+    [
+        (1.0, 0.6, 0.6),  # rounded after the cut it was 1.2, beyond the range
+        (1.0, 0.3, 3 * 0.3),
+        (0.3, 0.1, 0.3),  # three times 0.1 is 0.30000000000000004 in doubles
+        (4.0, 1e-5, 4.0),  # in decimals a whole multiple
+        (1.0, 1.0, 1.0),
+        (2.0, 0.0, 2.0),
+        (2.0, 5e-324, 2.0),  # the number of steps is beyond the range of doubles
+    ],
+)
+def test_an_output_saturates_at_the_last_step_within_the_range(limit: float, resolution: float, largest: float) -> None:
+    measure = AxisErrors(range=limit, resolution=resolution).measuring(RandomNumbers(0, "x"), 0, 1.0)
+    assert measure(0, (9.0, -9.0, limit)) == (largest, -largest, largest)
+
+
+def test_a_range_that_holds_no_step_is_refused() -> None:
+    """Its output would always be 0."""
+    with pytest.raises(SceneError, match=r"range is 1.0, expected a number of at least the resolution, 1.5"):
+        AxisErrors(range=1.0, resolution=1.5)
+    with pytest.raises(SceneError, match=r"range is 0.0, expected a number greater than 0"):
+        AxisErrors(range=0.0)

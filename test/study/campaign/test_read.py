@@ -71,7 +71,7 @@ def test_overrides(tmp_path: Path) -> None:
         (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
         (("{final: rate}", "{final: rate, below: 1}"), r"final_rate.below: found 1, .* write the limit under require"),
         (("{final: rate}", "{final: rate, stays: true}"), r"final_rate.stays: found .* not time_to; remove it"),
-        (("rate, below: 0.4}", "rate, below: 0.0}"), r"metrics.settled: .* expected limits that rate can meet; rate is"),
+        (("rate, below: 0.4}", "rate, below: 0.0}"), r"settled: .* expected limits that rate can meet; rate is"),
         (("rate, below: 0.4}", "rate, below: 0.4, target: {x: 0, y: 0, z: 0, w: 1}}"), r"settled.target: .* remove it"),
         (("rate, below: 0.4}", "attitude, above: 3.2}"), r"attitude is from 0 to 3.14159265: correct above or below"),
         (("{below: 0.25}", "{below: -1}"), r"require.final_rate: found .* can meet; final_rate is at least 0: correct"),
