@@ -14,6 +14,7 @@ from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_c
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
+from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.spikes import spikes_of_position, without_spikes
@@ -24,6 +25,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.rotation import IDENTITY
 from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
 from rb_dynamics.scene.model import Scene
 
@@ -339,7 +341,7 @@ class Flight:
         return replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def _agreements(self) -> Iterator[tuple[str, Agreement]]:
-        """Yield how rates agree with attitudes, and velocities with positions that have an attitude, and of which."""
+        """Yield how rates agree with attitudes, and velocities with positions whose attitude is known, and of which."""
         by_kind = {kind: [stream for stream in self.streams if stream.kind == kind] for kind in UNITS}
         for rates, attitude in itertools.product(by_kind[RATES], by_kind[ATTITUDE]):
             pose = np.hstack([_blank(attitude), attitude.values])
@@ -347,13 +349,10 @@ class Flight:
             said = f"rates of {rates.topic} and attitudes of {attitude.topic}"
             yield from ((said, each) for each in _agreements_of(attitude, pose, rates, twist))
         for velocity, position in itertools.product(by_kind[VELOCITY], by_kind[POSITION]):
-            beside = (each for each in by_kind[ATTITUDE] if np.array_equal(each.time_ns, position.time_ns))
-            if (turned := next(beside, None)) is None:
-                continue
-            pose = np.hstack([position.values, turned.values])
+            turned, known = _attitudes(by_kind[ATTITUDE], position.time_ns, velocity.world)
             twist = np.hstack([velocity.values, np.zeros_like(velocity.values)])
             said = f"velocities of {velocity.topic} and positions of {position.topic}"
-            every = _agreements_of(position, pose, velocity, twist)
+            every = _agreements_of(position.rows(known), np.hstack([position.values, turned])[known], velocity, twist)
             yield from ((said, each) for each in every if each.of == "position")
 
     @property
@@ -398,6 +397,17 @@ def usual_interval(time_ns: Times) -> float:
 def _agreements_of(of_pose: Stream, pose: Array, of_twist: Stream, twist: Array) -> tuple[Agreement, ...]:
     one, other = TimeSeries(of_pose.topic, of_pose.time_ns, pose), TimeSeries(of_twist.topic, of_twist.time_ns, twist)
     return agreements_of(one, other, of_twist.world)
+
+
+def _attitudes(streams: Sequence[Stream], time_ns: Times, in_world: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the attitudes at these times of the stream that tells most of them, and where they are known.
+
+    Between two samples h apart they are interpolated, off by at most |w'| h^2/8. Velocities `in_world` axes need none.
+    """
+    if not streams:
+        return np.tile(IDENTITY, (len(time_ns), 1)), np.full(len(time_ns), in_world)
+    found = [Signal.of(each.time_ns, each.values).at(time_ns) for each in streams]
+    return max(found, key=lambda each: int(each[1].sum()))
 
 
 def _blank(stream: Stream) -> Array:

@@ -329,6 +329,28 @@ def test_positions_and_velocities_of_two_units_are_refused_by_name(of_pose: floa
     assert words in failing(bag)["linear velocity fits the position"]
 
 
+@pytest.mark.parametrize("apart", ["a position is lacking", "attitudes at other times", "no attitude, world axes"])
+def test_velocities_are_compared_with_positions_whatever_the_stamps_of_the_attitudes(apart: str) -> None:
+    """Only positions with the stamps of the attitudes were compared: where a spike was left out, none."""
+    motion, scene = spin(noise=1e-4), guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
+    twist = np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+    flight = flight_of(bag_of(motion, twist_rows=twist), scene)
+    by_kind = {stream.kind: stream for stream in flight.streams}
+    position, attitude, velocity = (by_kind[kind] for kind in (POSITION, ATTITUDE, VELOCITY))
+    if apart == "a position is lacking":
+        position = position.rows(np.arange(len(position.time_ns)) != 100)
+    elif apart == "attitudes at other times":
+        attitude = attitude.rows(np.arange(len(attitude.time_ns)) % 7 == 3)
+    else:
+        velocity = replace(velocity, values=motion.velocity, world=True)
+    others = () if apart.startswith("no") else (attitude,)
+    fitting = replace(flight, streams=(*others, position, velocity))
+    assert fitting.require_agreement() is fitting
+    wrong = replace(velocity, values=-velocity.values)
+    with pytest.raises(LogError, match="read with the opposite sign they fit"):
+        replace(flight, streams=(*others, position, wrong)).require_agreement()
+
+
 def test_rates_of_another_body_than_the_attitudes_are_refused_and_those_with_a_bias_are_fitted() -> None:
     """A fit to both took long, and blamed the quaternions; of a bias, it was said that none follows."""
     random = np.random.default_rng(3)
