@@ -28,7 +28,7 @@ from rb_dynamics.analysis.identification.measurement_model import Body, Model, P
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
-from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, root_of, widened
+from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, information
 from rb_dynamics.analysis.read_track import TopicChoice
@@ -68,8 +68,6 @@ _MOST_OMISSIONS = 2
 # Of what is plausible, the variance below which errors are linear. Misfits that are this many times smaller or larger
 # than those of linear errors are not.
 _STRAIGHT, _LINEAR = 3e-3**2, 4.0
-# What a constant fits worse by, of squares over noise, if the rates of a gyro change: what noise alone seldom makes.
-_CONSTANT = 30.0
 # Steps along a curved valley, at most.
 _CORRECTIONS = 6
 # Against the direction in which the inertia changes most: less is rounding.
@@ -555,7 +553,7 @@ class _Report:
             for value, direction in zip(values, directions.T, strict=True)
         ]
         self.unseen = directions[:, bent]
-        if (constant := self._of_constant_rates()).size:
+        if (constant := self._of_constant_rates(bands)).size:
             both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
             self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
@@ -569,7 +567,7 @@ class _Report:
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
 
-    def _of_constant_rates(self) -> Array:
+    def _of_constant_rates(self, bands: Sequence[Sequence[Band]]) -> Array:
         """Return the directions (p, k) in which rates and bias of gyros change alike, where a constant fits as well.
 
         A body at rest and a large bias then leave the same noise as a spin, far from each other.
@@ -577,13 +575,15 @@ class _Report:
         layout, ways = self.model.layout, [np.zeros((self.model.layout.count, 0))]
         for number, flight in enumerate(self.model.flights):
             biases = [f"gyro_bias[{number}].{stream.topic}" for stream in flight.streams]
-            mine = [each for each in self.fit.predicted if each.key[2] == number]
-            changes = [each.measured - each.measured.mean(axis=0) for each in mine]
-            more = sum(
-                float(np.sum(change**2) - np.sum(each.left**2)) / self.fit.noise[each.key] ** 2
-                for each, change in zip(mine, changes, strict=True)
+            if not all(name in layout for name in biases):
+                continue
+            mine = [(each, of) for each, of in zip(self.fit.predicted, bands, strict=True) if each.key[2] == number]
+            gain = sum(
+                float(np.sum((each.measured - each.measured.mean(axis=0)) ** 2) - np.sum(each.left**2))
+                / self.fit.noise[each.key] ** 2
+                for each, _ in mine
             )
-            if more > _CONSTANT or not all(name in layout for name in biases):
+            if not gains_nothing(gain, 3 * len(mine), [of for _, of in mine]):
                 continue
             way = np.zeros((layout.count, 3))
             way[layout[f"initial[{number}].angular_velocity_body"].at] = -np.eye(3)

@@ -90,16 +90,34 @@ def widened(root: Array, streams: Sequence[Sequence[Band]]) -> tuple[Array, floa
     20 (1997) 74). That is taken from the residuals, band by band, over the freedom that the fit left there: of slow
     residuals a fit takes many. The freedom of the whole is that of Satterthwaite. The errors are then doubled.
     """
-    gathered = np.zeros((root.shape[1], root.shape[1]))
-    mean, spread = 0.0, 0.0
-    for band in (band for bands in streams for band in bands):
-        level = band.power / band.freedom
-        gathered += level * band.told
-        share = level * float(np.trace(band.told))
-        mean, spread = mean + share, spread + share**2 / band.freedom
+    gathered, freedom = _strength(streams)
     values, vectors = np.linalg.eigh(gathered)
     found: Array = DOUBT**2 * root @ ((vectors * np.maximum(values, 1.0)) @ vectors.T) @ root.T
-    return found, mean**2 / spread if spread > 0.0 else 1.0
+    return found, freedom
+
+
+def _strength(streams: Sequence[Sequence[Band]]) -> tuple[Array, float]:
+    """Return the strength of noise where the parameters act, (p, p), 1 of white noise, and its freedom."""
+    bands = [band for each in streams for band in each]
+    parts = [(band.power / band.freedom * band.told, band.freedom) for band in bands]
+    shares = [(float(np.trace(part)), freedom) for part, freedom in parts]
+    mean, spread = sum(share for share, _ in shares), sum(share**2 / freedom for share, freedom in shares)
+    gathered: Array = np.sum([part for part, _ in parts], axis=0)
+    return gathered, mean**2 / spread if spread > 0.0 else 1.0
+
+
+def gains_nothing(gain: float, count: int, streams: Sequence[Sequence[Band]]) -> bool:
+    """Return whether noise alone explains by how much a fit leaves less of some streams than `count` numbers do.
+
+    `gain` is that of the sum of squares over noise. By an F-test: noise counts by its strength at the frequencies at
+    which the parameters act, as for `widened`.
+    """
+    from scipy.special import fdtrc
+
+    taken = sum(float(np.trace(band.told)) for each in streams for band in each)
+    gathered, freedom = _strength(streams)
+    level, more = max(1.0, float(np.trace(gathered)) / taken), max(1.0, taken - count)
+    return float(fdtrc(more, freedom, gain / (more * level))) > _CHANCE
 
 
 def whiteness(parts: Sequence[Array], streams: Sequence[Sequence[Band]]) -> tuple[bool, float]:
