@@ -18,7 +18,7 @@ from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion.fixed_step_kernel import load_of, plain
 from rb_dynamics.motion.method import Increment, Inertia, Method
-from rb_dynamics.motion.step_checks import is_rotation, require_finite
+from rb_dynamics.motion.step_checks import is_rotation, no_rotation, require_finite
 from rb_dynamics.numerics.compilation import specialise
 from rb_dynamics.numerics.rotation import LAST_BITS, Quaternion, renormalize
 from rb_dynamics.numerics.vector import dot, multiply, norm, norm_of_arrays
@@ -99,6 +99,10 @@ def _are_rotations(square: Any) -> bool:
     return bool(((square > 0.5) & (square < 2.0)).all())
 
 
+def _refused(_name: str, _h: float, _square: float, _rate: float) -> Increment:
+    raise ConvergenceError("one of many steps is refused; alone, it says why")
+
+
 def _checked_later(_name: str, _h: float, step: Increment) -> Increment:
     return step
 
@@ -108,6 +112,7 @@ _OTHERWISE: dict[Any, Any] = {
     norm: norm_of_arrays,
     renormalize: _renormalized,
     is_rotation: _are_rotations,
+    no_rotation: _refused,
     require_finite: _checked_later,
     central_gravity.to_center: central_gravity.to_center_of_each,
 }

@@ -1188,8 +1188,8 @@ def simulate(
         TypeError: an argument has the wrong type.
         SceneError: the file has no valid scene, or the scene has no duration.
         LogError: a log cannot be written.
-        ConvergenceError: a step could not be solved; the log is complete up to there.
-        KeyboardInterrupt: Ctrl-C; the log is complete up to there, too.
+        ConvergenceError: a step could not be solved; the log is complete up to there, with the warnings.
+        KeyboardInterrupt: Ctrl-C; likewise.
         ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
     """
     from rb_dynamics.run.scene_remarks import command_remarks, first_stamps, scene_remarks
@@ -1204,7 +1204,20 @@ def simulate(
             f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "
             "or give --duration"
         )
-    rejected, remarks = list[str](), list[str]()
+    rejected = list[str]()
+
+    def concluded() -> list[str]:
+        """Return the remarks on the run so far; its sinks receive all warnings."""
+        nonlocal rejected
+        rejected += (
+            f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
+            for late in run.taken_back
+        )
+        remarks = [*run.remarks, *command_remarks(first_stamps(commands), scene, run.sample)]
+        if sinks:
+            run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
+        return remarks
+
     # Without a sink there is nothing that Ctrl-C could damage.
     with interrupts_wait() if sinks else contextlib.nullcontext():
         run.start()
@@ -1217,13 +1230,12 @@ def simulate(
                     run.advance(run.end_ns * part // 100)
                     progress(part / 100.0)
                 run.advance(known_ns)
-            rejected += (
-                f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
-                for late in run.taken_back
-            )
-            remarks = [*run.remarks, *command_remarks(first_stamps(commands), scene, run.sample)]
-            if sinks:
-                run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
+        except (ConvergenceError, KeyboardInterrupt):
+            with uninterrupted():
+                concluded()
+            raise
+        else:
+            remarks = concluded()
         finally:
             with uninterrupted():
                 run.finish()

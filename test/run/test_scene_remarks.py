@@ -119,6 +119,31 @@ def diagnostics(log: Path) -> list[str]:
     return [message for _, _, message, *_ in statuses]
 
 
+def test_a_log_that_ends_by_ctrl_c_holds_the_warnings_so_far(tmp_path: Path) -> None:
+    def interrupt(fraction: float) -> None:
+        if fraction > 0.9:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rb.simulate(parse_scene(FULL), COMMANDS, [McapSink(tmp_path / "log.mcap")], interrupt)
+    (told,) = diagnostics(tmp_path / "log.mcap")
+    assert "wheel was near its max_speed of 60 rad/s at 1." in told
+    assert "commands were rejected and had no effect" in told
+
+
+def test_a_log_that_ends_by_an_error_holds_the_warnings_so_far(tmp_path: Path) -> None:
+    """Between two commands, 0.5 s apart, the body turns by 0.75 rad; then a torque spins it up too much for a step."""
+    scene = parse_scene(
+        "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 1.5, 0]}\n"
+        "wrenches: [{topic: push}]\nsolver: {method: rk4, step: 0.1}\nduration: 10\n"
+    )
+    commands = [("push", rb.Wrench(torque=(0.0, 0.0, 600.0 * (k == 5)), stamp_ns=k * 500_000_000)) for k in range(6)]
+    with pytest.raises(rb.ConvergenceError):
+        rb.simulate(scene, commands, [McapSink(tmp_path / "log.mcap")])
+    (told,) = diagnostics(tmp_path / "log.mcap")
+    assert "push: the body turns by" in told
+
+
 @pytest.mark.parametrize(("period_ms", "slow"), [(240, False), (260, True)])
 def test_commands_slower_than_the_nutation_are_named(period_ms: int, slow: bool, tmp_path: Path) -> None:
     """A body at rest with 0.4 N m s along z nutates at 2 rad/s, by 0.5 rad in 250 ms: what is held drives it."""
