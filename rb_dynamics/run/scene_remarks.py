@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.loads.wheel_imbalance import RESOLVED
-from rb_dynamics.loads.wheel_set import shares
-from rb_dynamics.loads.wrench_command_arrays import Wrenches
+from rb_dynamics.loads.wheel_set import WheelSet, shares
+from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.numerics.vector import dot, norm
-from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import Batches, Simulation
+from rb_dynamics.run.sample import Sample, SampleBuilder
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -37,9 +36,6 @@ TURN_SEEN = 0.5
 
 STREAM = 5
 """Least number of commands of a topic that count as a stream."""
-
-# Number of commands of a list that are looked at.
-_FIRST = 100
 
 
 def scene_remarks(scene: Scene) -> list[str]:
@@ -75,27 +71,13 @@ def too_slow(topic: str, rate: float, nutation: float, period_s: float) -> list[
     return [found] if turn > TURN_SEEN else []
 
 
-def first_stamps(commands: object) -> list[tuple[str, int]]:
-    """Return topic and stamp (ns) of the first commands that `simulate` is given; none of an iterator."""
-    if hasattr(commands, "batches"):
-        recorded = cast("Batches", commands)
-        return [*recorded.first_stamps, *((topic, each.stamp_ns) for topic, each in recorded.setpoints)]
-    if not isinstance(commands, Sequence):
-        return []
-    found: list[tuple[str, int]] = []
-    for topic, each in commands[:_FIRST]:
-        stamps_ns = cast("Numbers", each.stamp_ns)[:_FIRST].tolist() if isinstance(each, Wrenches) else [each.stamp_ns]
-        found += ((topic, int(stamp_ns)) for stamp_ns in stamps_ns)
-    return found
-
-
 def _wheels_too_full(scene: Scene) -> list[str]:
     """Return which wheels would saturate, or nearly so, if they brought the body to rest."""
     rows = shares([wheel.axis for wheel in scene.wheels])
     if rows is None:
         return []
     # About the centre of mass, body axes.
-    momentum = Simulation(scene).sample.angular_momentum_world
+    momentum = _first_sample(scene).angular_momentum_world
     momentum = rotate_inverse(scene.initial.orientation_xyzw, momentum)
     found = []
     for wheel, row in zip(scene.wheels, rows, strict=True):
@@ -152,7 +134,7 @@ def gyrostat(scene: Scene, at: Sample | None = None) -> tuple[Numbers, Numbers, 
     """
     import numpy as np
 
-    at = at or Simulation(scene).sample
+    at = at or _first_sample(scene)
     whole = rotate_inverse(at.orientation_xyzw, at.angular_momentum_world)
     inertia: Numbers = np.array(scene.body.inertia)
     x, y, z = inside = np.array(whole) - inertia @ np.array(at.angular_velocity_body)
@@ -160,6 +142,16 @@ def gyrostat(scene: Scene, at: Sample | None = None) -> tuple[Numbers, Numbers, 
     inverse = np.linalg.inv(inertia - sum((j * np.outer(a, a) for j, a in axes), np.zeros((3, 3)))).astype(np.float64)
     turning: Numbers = inverse @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return inside, inverse, turning
+
+
+def _first_sample(scene: Scene) -> Sample:
+    """Return the sample at time 0; defects of balances are 0, also where the scene continues a run."""
+    earlier_ns = 0 if scene.past is None else scene.past.length_ns
+    phase = PhaseState.of(scene.body, scene.initial, earlier_ns / NANOSECONDS)
+    wheels = WheelSet(scene.wheels, scene.body) if scene.wheels else None
+    if wheels is not None:
+        phase = phase.with_inner(wheels.begin(phase.angular_velocity))
+    return SampleBuilder(scene.combined_effects, phase, wheels).sample(phase, 0)
 
 
 def _steps_too_long(scene: Scene) -> list[str]:

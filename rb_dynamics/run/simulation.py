@@ -68,6 +68,7 @@ from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy, too_long
+from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
 from rb_dynamics.run.sink import Event, RunInfo, Sink, Status
 from rb_dynamics.run.state_change import StateChange, moved
 from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
@@ -1192,8 +1193,6 @@ def simulate(
         KeyboardInterrupt: Ctrl-C; likewise.
         ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
     """
-    from rb_dynamics.run.scene_remarks import command_remarks, first_stamps, scene_remarks
-
     started = time.perf_counter()
     scene = opened(scene)
     if not (progress is None or callable(progress)):
@@ -1213,7 +1212,7 @@ def simulate(
             f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
             for late in run.taken_back
         )
-        remarks = [*run.remarks, *command_remarks(first_stamps(commands), scene, run.sample)]
+        remarks = [*run.remarks, *command_remarks(_first_stamps(commands), scene, run.sample)]
         if sinks:
             run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
         return remarks
@@ -1241,6 +1240,24 @@ def simulate(
                 run.finish()
     wall_time_s = time.perf_counter() - started
     return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(remarks))
+
+
+def _first_stamps(commands: object) -> list[tuple[str, int]]:
+    """Return topic and stamp (ns) of the first commands that `simulate` is given; none of an iterator."""
+    if hasattr(commands, "batches"):
+        recorded = cast("Batches", commands)
+        return [*recorded.first_stamps, *((topic, each.stamp_ns) for topic, each in recorded.setpoints)]
+    if not isinstance(commands, Sequence):
+        return []
+    found: list[tuple[str, int]] = []
+    for topic, each in commands[:_FIRST]:
+        stamps_ns = (
+            cast("npt.NDArray[np.int64]", each.stamp_ns)[:_FIRST].tolist()
+            if isinstance(each, Wrenches)
+            else [each.stamp_ns]
+        )
+        found += ((topic, int(stamp_ns)) for stamp_ns in stamps_ns)
+    return found
 
 
 def rejected_words(reasons: Sequence[str]) -> list[str]:
@@ -1335,6 +1352,9 @@ def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
 
 LOOK_AHEAD = 1000
 """Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
+
+# Commands of a list of which the period is looked at.
+_FIRST = 100
 
 # Commands of a sequence that are posted together.
 _AT_ONCE = 16_000

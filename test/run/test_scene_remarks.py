@@ -12,7 +12,8 @@ import rb_dynamics as rb
 from rb_dynamics.cli import main
 from rb_dynamics.loads.reaction_wheel import friction_rate
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.run.scene_remarks import scene_remarks
+from rb_dynamics.run.scene_remarks import nutation_rate, scene_remarks
+from rb_dynamics.scene.model import Past
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -157,6 +158,22 @@ def test_commands_slower_than_the_nutation_are_named(period_ms: int, slow: bool,
     assert [each for each in rb.explain(replace(scene, sensors=()), commands).remarks if "nutates" in each] == list(
         found
     )
+
+
+def test_remarks_need_no_run() -> None:
+    """They know the momentum inside without one: a scene that continues a long run would repeat it for them."""
+    wheel = parse_scene(NUTATING)
+    assert nutation_rate(wheel) == nutation_rate(wheel, rb.Simulation(wheel).sample) > 0.0
+    # A rotor speeds up; its time counts from the start of the run that is continued.
+    rotor = parse_scene(
+        "body: {mass: 10, inertia: {diagonal: [0.1, 0.4, 0.3]}}\nwrenches: []\nduration: 1\neffects:\n"
+        "  - {type: rotor, axis_body: [0, 0, 1], axial_inertia: 0.01, "
+        "spin_rate: [{time: 0, rate: 0}, {time: 50, rate: 60}]}\n"
+    )
+    later = replace(rotor, initial=replace(rotor.initial, angular_velocity_body=(0.0, 0.0, -0.5)))
+    later = replace(later, past=Past(25 * 10**9, rotor.initial))
+    assert nutation_rate(later) == pytest.approx(nutation_rate(later, rb.Simulation(later).sample), rel=1e-12)
+    assert nutation_rate(later) > nutation_rate(rotor)
 
 
 NUTATING = """\
