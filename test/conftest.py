@@ -79,8 +79,10 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(lambda: shutil.rmtree(logs, ignore_errors=True))
     if "PYTEST_XDIST_WORKER" not in os.environ:
         # What is compiled here is not the user's; workers and the processes they start share it, and each kernel once.
-        kernels = os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="rb_dynamics_cache_")
-        config.add_cleanup(lambda: shutil.rmtree(kernels, ignore_errors=True))
+        # Later sessions find it again: the folder is named in the sources and the compiler, as a user's is.
+        if not hasattr(config, "cache"):
+            raise pytest.UsageError("kernels are kept in pytest's cache; leave out -p no:cacheprovider")
+        os.environ["XDG_CACHE_HOME"] = str(config.cache.mkdir("kernels"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
