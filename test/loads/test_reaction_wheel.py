@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -220,6 +221,7 @@ solver: {{accuracy: 1.0e-11}}
     require_books(sink, 1e-11, 1e-13)
 
 
+@cache
 def released_and_caught(
     omega: Any, axis: Any, speed: float, coulomb: float, limit: float, seconds: float
 ) -> tuple[Any, float, int]:
