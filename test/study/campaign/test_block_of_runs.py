@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
+from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -402,16 +404,30 @@ BAD = {
 }
 
 
+@pytest.fixture(scope="module")
+def good_runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], dict[str, Any]]:
+    """Return a function that gives the runs of a campaign and a scene with functions that do not fail."""
+
+    @cache
+    def runs(text: str, scene: str) -> dict[str, Any]:
+        folder = tmp_path_factory.mktemp("good")
+        (folder / "own_bad.py").write_text(OWN.format(**GOOD))
+        return simulate_block(read_campaign(write(folder, text, scene)), 0, 24)
+
+    return runs
+
+
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "alone"])
-def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(tmp_path: Path, scene: str, bad: str) -> None:
+def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(
+    tmp_path: Path, good_runs: Callable[[str, str], dict[str, Any]], scene: str, bad: str
+) -> None:
     text = CAMPAIGN.replace("law: rate_damping", "law: own_bad.law").replace(
         "{final: rate}", "{final: own_bad.quantity}"
     )
     if bad == "huge":
         text = text.replace("saturation: 0.6", "saturation: 1e300")
-    (tmp_path / "own_bad.py").write_text(OWN.format(**GOOD))
-    good = simulate_block(read_campaign(write(tmp_path, text, scene)), 0, 24)
+    good = good_runs(text, scene)
     (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, **BAD[bad]}))
     campaign = read_campaign(write(tmp_path, text, scene))
     found = simulate_block(campaign, 0, 24)
