@@ -77,9 +77,8 @@ def test_what_the_scene_says_acts_is_no_fault_of_the_body(what: str, tmp_path: P
     true = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING[what])))
     assert true.passed
     assert verdict(true) == (True, True)
-    for factor in (1.02, 1.1):
-        wrong = inspect(bag, parse_scene(SCENE.format(zz=0.38 * factor, rest=ACTING[what])))
-        assert verdict(wrong) == (True, False)
+    wrong = inspect(bag, parse_scene(SCENE.format(zz=0.38 * 1.02, rest=ACTING[what])))
+    assert verdict(wrong) == (True, False)
     plain = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest="wrenches: [{topic: wrench}]")))
     assert not plain.passed
     (said,) = (note for note in true.track.notes if "not what acted" in note)
