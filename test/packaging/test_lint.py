@@ -30,6 +30,7 @@ def test_tool_is_content(root: Path, command: tuple[str, ...]) -> None:
 SOURCES = ("examples", "launch", "rb_dynamics", "setup.py")  # what is installed
 
 
+@pytest.mark.slow  # half a minute; ruff checks and formats by the same rules
 @pytest.mark.parametrize(
     ("linter", "options"),
     [
