@@ -38,7 +38,7 @@ def test_they_give_numbers_and_errors_of_a_flight_from_a_single_start(moves: boo
     random = np.random.default_rng(3)
     body = random_body(random, center=0.05 * moves)
     force, pose = (2.0, 1e-3) if moves else (0.0, None)
-    made = flown(body, random, seconds=20.0, torque=0.3, force=force, pose=pose, bias=(0.01, -0.02, 0.01))
+    made = flown(body, random, seconds=8.0, torque=0.3, force=force, pose=pose, bias=(0.01, -0.02, 0.01))
     names = ("inertia", "gyro_bias", "delay", *(("mass", "center_of_mass") if moves else ()))
     model = Model(guess(body), [made], names)
     noise = noise_shown(model)
