@@ -1,4 +1,4 @@
-"""SO(3): quaternions, hat, exp and log, dexp and dexpinv, the Cayley map.
+"""SO(3): quaternions, hat, exp and log, dexpinv, the Cayley map.
 
 Pure functions on plain floats. Quaternions are (x, y, z, w) and need not be sign-normalised; a rotation turns body
 axes into world axes. Half-angle forms are used where the textbook form cancels; a series takes over only where even
@@ -154,20 +154,11 @@ def angle_of(sine: float, cosine: float) -> float:
     return 2.0 * math.atan2(sine, cosine)
 
 
-def dexp(v: Vector, u: Vector) -> Vector:
-    """Return dexp_v(u) = u + (1 - cos a)/a^2 v x u + (a - sin a)/a^3 v x (v x u), a = |v| (IMNZ eq. B.10).
+def dexpinv(v: Vector, u: Vector) -> Vector:
+    """Return dexp_v^-1(u) = u - v x u / 2 + (1 - (a/2) cot(a/2))/a^2 v x (v x u), a = |v| < 2 pi (IMNZ eq. B.11).
 
     d/dt exp(hat(v)) = hat(dexp_v(v')) exp(hat(v)).
     """
-    square = dot(v, v)
-    angle = math.sqrt(square)
-    half_sinc = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-    first = cross(v, u)
-    return add_scaled(add_scaled(u, 2.0 * half_sinc * half_sinc, first), _third(square), cross(v, first))
-
-
-def dexpinv(v: Vector, u: Vector) -> Vector:
-    """Return dexp_v^-1(u) = u - v x u / 2 + (1 - (a/2) cot(a/2))/a^2 v x (v x u), a = |v| < 2 pi (IMNZ eq. B.11)."""
     first = cross(v, u)
     return add_scaled(add_scaled(u, -0.5, first), _cotangent(dot(v, v)), cross(v, first))
 
@@ -178,16 +169,6 @@ def cayley(v: Vector) -> Quaternion:
     square = x * x + y * y + z * z
     n = math.sqrt(1.0 + square) if square < 1e280 else norm((x, y, z))
     return (x / n, y / n, z / n, 1.0 / n)
-
-
-def _third(square: float) -> float:
-    """Return (a - sin a)/a^3; below a = 1 by its Taylor series, which is exact to round-off there."""
-    if square >= 1.0:
-        angle = math.sqrt(square)
-        return (angle - math.sin(angle)) / (angle * square)
-    s = square
-    tail = 1.0 - s / 110.0 * (1.0 - s / 156.0 * (1.0 - s / 210.0 * (1.0 - s / 272.0)))
-    return (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * tail))) / 6.0
 
 
 # B_2k / (2k)! in absolute value: the series of (1 - (a/2) cot(a/2))/a^2 in a^2.

@@ -310,8 +310,8 @@ class TestMutations:
 
         assert failing_part(forced(), method, 1, steps) == pytest.approx(2.0, abs=0.2)
 
-    def test_rkmk4_with_dexp_in_its_place_loses_its_order(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(rkmk, "dexpinv", rotation.dexp)
+    def test_rkmk4_with_dexpinv_of_the_other_side_loses_its_order(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(rkmk, "dexpinv", lambda v, u: rotation.dexpinv(scale(-1.0, v), u))
 
         assert failing_part(forced(), METHODS["rkmk4"], 1, (32, 64, 128, 256)) < 2.2
 
