@@ -542,15 +542,24 @@ def _events(
 ) -> Iterator[SampleRow | AppliedWrench]:
     """Yield rows and changes of wrench in the order of the log."""
     changes: list[AppliedWrench] = []
+    # The wrench of a channel with a lag is logged at each output: only when a command begins to act is it a change.
+    lagging = {names[each.topic]: each for each in scene.channels if each.lag}
+    began: dict[str, set[int]] = {each.topic: set() for each in scene.channels if each.lag}
 
     def noted() -> Iterator[Message]:
         for message in messages:
+            if channel := lagging.get(message.channel.topic):
+                began[channel.topic].add(message.log_time + channel.delay_ns)
             topic = applied.get(message.channel.topic)
             if topic is not None:
-                wrench = decode_wrench(WRENCH, message.log_time, message.data)
-                changes.append(
-                    AppliedWrench(message.log_time, topic, None, wrench.frame_id, wrench.force, wrench.torque)
-                )
+                time_ns = message.log_time
+                wrench = decode_wrench(WRENCH, time_ns, message.data)
+                change = AppliedWrench(time_ns, topic, None, wrench.frame_id, wrench.force, wrench.torque)
+                if topic in began and time_ns not in began[topic]:
+                    change = replace(change, on_its_way=True)
+                elif topic in began:
+                    began[topic].remove(time_ns)
+                changes.append(change)
             yield message
 
     for row in rows(scene, names, noted()):

@@ -285,3 +285,26 @@ def test_rerun_gets_all_that_acts(tmp_path: Path) -> None:
         assert other.values(entity).tolist() == one.values(entity).tolist()
     arrow = ("world/center_of_mass/force", "Arrows3D:vectors")
     assert other.values(*arrow).tolist() == one.values(*arrow).tolist()
+
+
+def test_a_wrench_that_lags_is_marked_once_for_each_command(tmp_path):
+    pytest.importorskip("rerun")
+    from rerun_runs import Rrd
+
+    from rb_dynamics.sinks.rerun_sink import RerunSink
+
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, lag: 0.3, delay: 0.1}]\n"
+        "duration: 2\noutput_rate: 30\n"
+    )
+    pushes = [
+        Wrench((force, 0.0, 0.0), (0.0, 0.0, 0.0), "body", time_ns) for force, time_ns in ((1.0, 0), (2.0, 10**9))
+    ]
+    commands = [("push", push) for push in pushes]
+    log, direct, converted = (tmp_path / name for name in ("run.mcap", "direct.rrd", "converted.rrd"))
+    simulate(scene, commands, [McapSink(log), RerunSink(direct)])
+    log_to_rerun(log, converted)
+    one, other = Rrd(direct), Rrd(converted)
+    marks = "world/path/commands", "Points3D:positions"
+    assert len(one.values(*marks)) == 2
+    assert other.values(*marks).tolist() == one.values(*marks).tolist()
