@@ -63,7 +63,8 @@ def cheapest(
     failure: ConvergenceError | None = None
     for method in candidates:
         price = COST_OF_A_STEP[method.name]
-        if best is not None and TRIALS * price > best[0] * rest:
+        # The cost is never below `price / arc`.
+        if best is not None and (TRIALS * price > best[0] * rest or price / arc >= best[0]):
             continue
         advance = advance_with(method)
         try:

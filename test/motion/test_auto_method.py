@@ -17,6 +17,7 @@ from rb_dynamics.motion.adaptive_kernel import LONGEST, RATES
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.auto_method import CANDIDATES, COST_OF_A_STEP, cheapest, longest_stride
 from rb_dynamics.motion.load_time_scale import fastest_rate, steady_time
+from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
 from rb_dynamics.motion.step_control import AccuracyControl, StepControl
 from rb_dynamics.numerics import compilation
@@ -193,6 +194,25 @@ def test_a_pulse_of_milliseconds_does_not_choose_for_the_coast_after_it() -> Non
 @pytest.mark.parametrize("lag", [1e-2, 1e-5])
 def test_a_lag_costs_the_steps_of_its_own_time_alone_and_is_not_refused(lag: float) -> None:
     assert _steps(lag, 3) < _steps(lag, 0) + 100
+
+
+@pytest.mark.parametrize(("arc", "tried"), [(1e-3, ["taylor", "dop853", "rk4"]), (10.0, None)])
+def test_what_cannot_be_the_cheapest_in_short_arcs_is_not_tried(arc: float, tried: list[str] | None) -> None:
+    case = forced()
+    inertia, start = inertia_of(case.body), PhaseState.of(case.body, case.initial)
+    held, asked = in_principal_axes(case.body, case.held), list[str]()
+
+    def control(method: Method) -> StepControl:
+        asked.append(method.name)
+        order = method.order or 0
+        return AccuracyControl(1e-6, 100.0, order, inertia, start=start.center_of_mass_world)
+
+    names = CANDIDATES[LoadDependence.HELD]
+    methods = tuple(METHODS[name] for name in names)
+    found, _ = cheapest(methods, control, lambda method: Stepper(method, inertia, held, None), start, arc, 100.0)
+    assert asked == (tried or [*names])
+    # As if all had been tried: in so short an arc each takes one stride, and only the price of a stride counts.
+    assert tried is None or found.name == min(names, key=lambda name: COST_OF_A_STEP[name])
 
 
 def test_a_control_it_returns_knows_its_stride() -> None:
