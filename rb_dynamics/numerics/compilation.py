@@ -7,6 +7,7 @@ Compiled and plain results must have the same bits, so fast-math, contraction an
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import logging
 import os
@@ -212,11 +213,24 @@ def _compiled(
     options = {**_OPTIONS, "pipeline_class": _compiler(inlined=False)}
     try:
         compiled = function if prepare is None else prepare(function)
-        (result,) = numba.njit(signature, **options)(compiled).overloads.values()
+        with _without_collection():
+            (result,) = numba.njit(signature, **options)(compiled).overloads.values()
     except numba.core.errors.NumbaError as error:
         raise RuntimeError(f"numba {numba.__version__} does not compile {function.__qualname__}") from error
     externals, code = result.library.object_code(rounds)
     return ObjectCode(result.fndesc.llvm_func_name, externals, code)
+
+
+@contextlib.contextmanager
+def _without_collection() -> Iterator[None]:
+    """Let Python look for no garbage: numba makes millions of objects, and that takes a tenth of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 @cache
@@ -275,11 +289,16 @@ def _compiler(*, inlined: bool) -> Any:
             state.targetctx.insert_user_function(call, state.cr.fndesc, [state.library])
             return True
 
+    # They fuse expressions of arrays, which kernels do not have, and explain types to a reader.
+    unneeded = typed_passes.NopythonRewrites, typed_passes.AnnotateTypes
+
     class Compiler(compiler.CompilerBase):  # type: ignore[misc]
         def define_pipelines(self) -> list[Any]:
             manager = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
             manager.passes = [
-                (Lowering if each is typed_passes.NativeLowering else each, name) for each, name in manager.passes
+                (Lowering if each is typed_passes.NativeLowering else each, name)
+                for each, name in manager.passes
+                if each not in unneeded
             ]
             manager.finalize()
             return [manager]

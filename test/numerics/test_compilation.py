@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from typing import Any
 
@@ -34,6 +35,23 @@ def test_neither_a_kernel_nor_what_it_calls_is_optimised_as_numba_does_every_fun
     assert kernel.name in found.symbol
     # Nothing of this package is left to be found elsewhere.
     assert not [name for name in found.externals if "rb_dynamics" in name]
+
+
+def test_numba_does_not_wait_for_a_search_for_garbage() -> None:
+    pytest.importorskip("numba")
+    kernel, searches = Kernel(METHODS["rk4"]), list[str]()
+
+    def note(phase: str, _: object) -> None:
+        searches.append(phase)
+
+    gc.callbacks.append(note)
+    try:
+        compilation._compiled(kernel._function, kernel._signature, None)
+    finally:
+        gc.callbacks.remove(note)
+    # Without the pause there are hundreds; some come with the import of numba and the linking of the code.
+    assert len(searches) < 50
+    assert gc.isenabled()
 
 
 def _by_lanes(c: Any) -> None:
