@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import importlib
 import os
 import re
@@ -26,6 +27,9 @@ COMMANDS = (
     "simulate", "node", "replay", "inspect", "compare", "recover", "convert", "explain", "trade", "campaign", "body",
     "identify", "compile", "demo",
 )  # fmt: skip
+
+# New objects after which Python looks for cycles among them, in place of 700.
+_OBJECTS = 100_000
 
 _EPILOG = """\
 examples:
@@ -87,6 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"found --ros-args, which belongs to the commands node and replay, not to {args.command}; leave it out"
         )
     args.ros_args = arguments[split:]
+    # Imports and runs make many objects that last, and few cycles: looking for these takes some percent of a command.
+    # Not in the node, for which many short pauses are better than a long one.
+    if args.command != "node":
+        gc.set_threshold(_OBJECTS)
     try:
         with interrupted_by_signals(), contextlib.redirect_stdout(cast(TextIO, _WhileRead(sys.stdout))):
             code: int = args.run(args)

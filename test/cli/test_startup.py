@@ -55,6 +55,13 @@ def test_simulate_imports_what_it_runs(root: Path) -> None:
     assert not found & {*SLOW, *unused}
 
 
+def test_a_command_seldom_looks_for_garbage(root: Path) -> None:
+    code = f"import gc\n{LOADED_BY}\nprint(gc.get_threshold()[0])"
+    command = [sys.executable, "-c", code, "body", "config/slew.yaml"]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    assert int(result.stdout.split()[-1]) >= 100_000
+
+
 @pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
 def test_linear_algebra_has_one_thread_unless_told_otherwise(given: dict[str, str], threads: str) -> None:
     """Two threads took twice the processor time for an inspection, and no less time."""
