@@ -444,9 +444,10 @@ class WrenchChannels:
             )
         elif self._frames.turns is False:
             largest_torque = 0.0
-        possible = np.abs(held) <= np.repeat([largest_force, largest_torque] * 2, 3)
-        # Usually all are; row by row takes longer.
-        return held, good if possible.all() else good & possible.all(axis=1)
+        # Usually all are smaller than any limit; one by one takes longer.
+        if not np.abs(held).max(initial=0.0) <= min(largest_force, largest_torque):
+            good &= (np.abs(held) <= np.repeat([largest_force, largest_torque] * 2, 3)).all(axis=1)
+        return held, good
 
     def extend(self, table: CommandTable) -> None:
         """Let the commands of `table` take effect, each at its time; none comes before one of an earlier table."""

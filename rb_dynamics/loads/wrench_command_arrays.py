@@ -33,6 +33,11 @@ class Commands(Protocol):
         """Return the messages in which these rows were recorded; None for one that is not from a log."""
 
 
+def _taken(column: npt.NDArray[Any], rows: Whole | slice) -> npt.NDArray[Any]:
+    """Return some rows of a column. `take` is faster than an index, if rows have several numbers."""
+    return column[rows] if isinstance(rows, slice) else column.take(rows, axis=0)
+
+
 class Received(NamedTuple):
     """Where to find the command of each row.
 
@@ -61,7 +66,7 @@ class Received(NamedTuple):
 
     def some(self, rows: Whole | slice) -> Received:
         """Return this for some rows only."""
-        return Received(self.blocks, self.block[rows], self.row[rows])
+        return Received(self.blocks, _taken(self.block, rows), _taken(self.row, rows))
 
     @classmethod
     def joined(cls, parts: Sequence[Received]) -> Received:
@@ -129,7 +134,7 @@ class CommandBatch(NamedTuple):
 
     def some(self, rows: Whole | slice) -> CommandBatch:
         """Return the commands in some rows."""
-        columns: list[Any] = [column[rows] for column in self[:6]]
+        columns: list[Any] = [_taken(column, rows) for column in self[:6]]
         return CommandBatch(*[*columns, self.frame_ids, self.received.some(rows)])
 
 
@@ -201,9 +206,10 @@ class Wrenches:
 
         force, torque, times = self._columns
         rows = np.arange(len(times))
-        received, wrench = Received((self,), 0 * rows, rows), np.hstack([force, torque])
-        arrival = np.column_stack([0 * rows + place, 0 * rows, rows])
-        return CommandBatch(times, times, 0 * rows + channel, arrival, wrench, 0 * rows, [self.frame_id], received)
+        none, arrival = np.zeros_like(rows), np.zeros((len(rows), 3), dtype=np.int64)
+        arrival[:, 0], arrival[:, 2] = place, rows
+        wrench, received = np.hstack([force, torque]), Received((self,), none, rows)
+        return CommandBatch(times, times, none + channel, arrival, wrench, none, [self.frame_id], received)
 
 
 class _Listed(NamedTuple):
@@ -360,7 +366,7 @@ def timeline(
         came = times[mine].searchsorted(at, side="right")
         first = came.searchsorted(1)
         acting = np.empty_like(total)
-        acting[:first], acting[first:] = now, held[mine[came[first:] - 1]]
+        acting[:first], acting[first:] = now, held.take(mine[came[first:] - 1], axis=0)
         if len(dropped):
             last = np.append(at[:1] - 1, times[mine])[came]
             gone = dropped.searchsorted(at, side="right")

@@ -48,16 +48,17 @@ def command_remarks(commands: Iterable[tuple[str, int]], scene: Scene, end: Samp
 
     Of each command, `commands` has topic and stamp (ns).
     """
-    rate = max(norm(scene.initial.angular_velocity_body), norm(end.angular_velocity_body))
-    nutation = nutation_rate(scene, end)
     stamps: dict[str, list[int]] = {}
     for topic, stamp_ns in commands:
         stamps.setdefault(topic, []).append(stamp_ns)
-    found = []
-    for topic, times in stamps.items():
-        if len(times) >= STREAM:
-            period_s = median(b - a for a, b in pairwise(sorted(times))) / NANOSECONDS
-            found += too_slow(topic, rate, nutation, period_s)
+    streams = {topic: times for topic, times in stamps.items() if len(times) >= STREAM}
+    if not streams:
+        return []
+    rate = max(norm(scene.initial.angular_velocity_body), norm(end.angular_velocity_body))
+    nutation, found = nutation_rate(scene, end), []
+    for topic, times in streams.items():
+        period_s = median(b - a for a, b in pairwise(sorted(times))) / NANOSECONDS
+        found += too_slow(topic, rate, nutation, period_s)
     return found
 
 

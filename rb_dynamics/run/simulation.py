@@ -1205,14 +1205,14 @@ def simulate(
         )
     rejected = list[str]()
 
-    def concluded() -> list[str]:
+    def concluded(end: Sample) -> list[str]:
         """Return the remarks on the run so far; its sinks receive all warnings."""
         nonlocal rejected
         rejected += (
             f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
             for late in run.taken_back
         )
-        remarks = [*run.remarks, *command_remarks(_first_stamps(commands), scene, run.sample)]
+        remarks = [*run.remarks, *command_remarks(_first_stamps(commands), scene, end)]
         if sinks:
             run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
         return remarks
@@ -1231,15 +1231,16 @@ def simulate(
                 run.advance(known_ns)
         except (ConvergenceError, KeyboardInterrupt):
             with uninterrupted():
-                concluded()
+                concluded(run.sample)
             raise
         else:
-            remarks = concluded()
+            end = run.sample
+            remarks = concluded(end)
         finally:
             with uninterrupted():
                 run.finish()
     wall_time_s = time.perf_counter() - started
-    return Run(run.sample, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(remarks))
+    return Run(end, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(remarks))
 
 
 def _first_stamps(commands: object) -> list[tuple[str, int]]:
@@ -1282,15 +1283,18 @@ def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> It
 
 def _post_sequence(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> Iterator[int]:
     """As `_post_ahead`, for commands in any order."""
-    rest = _arranged(run, commands if _are_plain(commands) else [*each_command(commands)], rejected)
-    while rest is not None and (count := len(rest.time_ns)):
-        # Those of one time together, so that they keep their order of arrival.
-        last_ns = int(rest.time_ns[min(_AT_ONCE, count) - 1])
-        last = int(rest.time_ns.searchsorted(last_ns, side="right"))
-        rejected += run.post_batch(rest.some(slice(last)))
-        rest = rest.some(slice(last, None))
-        if last < count and last_ns > 0 and not run.ended:
-            yield last_ns
+    came = _without_few(run, commands if _are_plain(commands) else [*each_command(commands)], rejected)
+    if came is not None:
+        first, order = 0, came.time_ns.argsort(kind="stable")
+        times_ns = came.time_ns[order]
+        while first < len(order):
+            # Those of one time together, so that they keep their order of arrival.
+            last_ns = int(times_ns[first : first + _AT_ONCE][-1])
+            last = int(times_ns.searchsorted(last_ns, side="right"))
+            rejected += run.post_batch(came.some(order[first:last]))
+            first = last
+            if last < len(order) and last_ns > 0 and not run.ended:
+                yield last_ns
     if run.end_ns is not None:
         yield run.end_ns
 
@@ -1357,7 +1361,7 @@ LOOK_AHEAD = 1000
 _FIRST = 100
 
 # Commands of a sequence that are posted together.
-_AT_ONCE = 16_000
+_AT_ONCE = 4_000
 
 
 def _post_ahead(run: Simulation, commands: Iterable[Commands], rejected: list[str]) -> Iterator[int]:
@@ -1394,12 +1398,12 @@ def _post_ahead(run: Simulation, commands: Iterable[Commands], rejected: list[st
 def _post(run: Simulation, commands: Sequence[Command]) -> list[str]:
     """Post commands that may be in any order; return the reason for each rejected one."""
     rejected: list[str] = []
-    batch = _arranged(run, commands, rejected)
-    return rejected if batch is None else rejected + run.post_batch(batch)
+    came = _without_few(run, commands, rejected)
+    return rejected if came is None else rejected + run.post_batch(came.some(came.time_ns.argsort(kind="stable")))
 
 
-def _arranged(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> CommandBatch | None:
-    """Post those for which arrays do not pay: setpoints, commands without a channel, a few; return the others."""
+def _without_few(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> CommandBatch | None:
+    """Post those for which arrays do not pay: setpoints, those without a channel, a few; return the others as given."""
     topics, kinds = {topic for topic, _ in commands}, {type(command) for _, command in commands}
     numbers = {topic: number for topic in topics if (number := run.number_of(topic)) is not None}
     few = sum(len(each) if isinstance(each, Wrenches) else 1 for _, each in commands[:FEWEST]) < FEWEST
@@ -1413,5 +1417,5 @@ def _arranged(run: Simulation, commands: Sequence[Commands], rejected: list[str]
     channels, wrenches = [numbers[topic] for topic, _ in commands], [each for _, each in commands]
     if wrenches and isinstance(wrenches[0], Wrenches):
         many = zip(cast("list[Wrenches]", wrenches), channels, strict=True)
-        return CommandBatch.of([each.batch(channel, place) for place, (each, channel) in enumerate(many)])
-    return CommandBatch.of([listed(channels, cast("list[Wrench]", wrenches))])
+        return CommandBatch.joined([each.batch(channel, place) for place, (each, channel) in enumerate(many)])
+    return listed(channels, cast("list[Wrench]", wrenches))
