@@ -252,10 +252,16 @@ class WrenchFrames:
                 "declare the frame under body.frames in the scene, name the body or the world like it (body.frame, "
                 "world_frame), or transform the wrench before sending it"
             )
-        force = rotate(frame.orientation_xyzw, force)
-        torque = rotate(frame.orientation_xyzw, torque)
-        moment = moment_of_force(force, frame.position, self.center_of_mass or ZERO)
-        return HeldWrench(force_body=force, torque_body=add(torque, moment))
+        return about_point(force, torque, frame.position, frame.orientation_xyzw, self.center_of_mass or ZERO)
+
+
+def about_point(force: Vector, torque: Vector, position: Vector, axes: Quaternion, center: Vector) -> HeldWrench:
+    """Return force and torque in `axes` at a position as a held wrench about `center`; components may be arrays.
+
+    Position, axes and center are in body axes.
+    """
+    force, torque = rotate(axes, force), rotate(axes, torque)
+    return HeldWrench(force_body=force, torque_body=add(torque, moment_of_force(force, position, center)))
 
 
 # s; and the largest number whose square is a finite double.

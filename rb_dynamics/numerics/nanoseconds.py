@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from rb_dynamics.numerics.array_types import Numbers
 
 NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second."""
@@ -25,6 +32,19 @@ LAST_STAMP_NS = 2**31 * NANOSECONDS
 def nanoseconds(seconds: float) -> int:
     """Return a time (s), taken as the decimal number that was written, in whole nanoseconds."""
     return round(Fraction(repr(float(seconds))) * NANOSECONDS)
+
+
+def nanoseconds_of_each(seconds: Numbers) -> npt.NDArray[np.int64]:
+    """Return `nanoseconds` of each of an array of times (s) from 0 to `LONGEST`."""
+    import numpy as np
+
+    product = seconds * NANOSECONDS
+    found = np.rint(product)
+    # Elsewhere rounding errors of the number and of the product do not reach halfway to the next nanosecond.
+    near = (np.abs(np.abs(product - found) - 0.5) < 1e-3) | (product > 2.0**40)
+    whole: npt.NDArray[np.int64] = found.astype(np.int64)
+    whole[near] = [nanoseconds(each) for each in seconds[near].tolist()]
+    return whole
 
 
 def on_nanosecond(seconds: float) -> float:

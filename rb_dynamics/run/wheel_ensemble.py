@@ -1,4 +1,4 @@
-"""`WheelEnsemble`: bodies with reaction wheels and magnetorquers, advanced and commanded together, each as if alone.
+"""`WheelEnsemble`: bodies with wheels, magnetorquers and thrusters, advanced and commanded together, each as if alone.
 
 The bits are those of a `Simulation` of each. It takes what `motion/wheel_arcs_kernel.py` does: bodies with as many
 wheels, under effects that act all the time and have kernels, with one method and a step of whole nanoseconds or an
@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Hashable, Sequence
 from fractions import Fraction
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
@@ -20,6 +20,8 @@ from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.compiled_load import WIDTH, source_numbers, with_dipoles
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.thruster_arrays import ThrusterArrays
 from rb_dynamics.loads.wheel_numbers import AXIS, BEFORE, EACH, invert_inertia
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
@@ -59,8 +61,13 @@ if TYPE_CHECKING:
 
     from rb_dynamics.numerics.array_types import Numbers
 
+_Kind = TypeVar("_Kind", bound=Actuator)
+
 # Times up to it are doubles without rounding, as the lengths of steps are.
 _LATEST_NS = 2**53
+
+# Force and torque of the held wrench, principal axes, among the numbers of a body; see `constants_at`.
+_HELD = slice(4, 10)
 
 # Steps of each body in a call, in those of `rk4`.
 _STEPS = 20
@@ -71,12 +78,14 @@ _AHEAD = 1000.0
 
 def shared_by_wheels(scene: Scene) -> Hashable | None:
     """Return what bodies in one ensemble have in common with that of `scene`; None if it cannot be in one."""
-    wheels, rods, effects = scene.wheels, rods_of(scene), scene.combined_effects
+    wheels, effects, actuators = scene.wheels, scene.combined_effects, actuators_of(scene)
+    rods, thrusters = _of_kind(scene, Magnetorquer), _of_kind(scene, Thruster)
     lonely = scene.past is not None or not 0 < (scene.end_ns or 0) < _LATEST_NS or scene.body.is_particle
-    others = len(wheels) + len(rods) != len(scene.actuators) or any(
+    others = len(actuators) != len(scene.actuators) or any(
         channel != Channel(channel.topic) for channel in scene.channels
     )
-    if not wheels or lonely or others or not all(wheel.is_balanced for wheel in wheels):
+    gradual = any(each.rise or each.fall for each in thrusters)
+    if not wheels or lonely or others or gradual or not all(wheel.is_balanced for wheel in wheels):
         return None
     numbers = effects.numbers(0.0)
     changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None
@@ -87,13 +96,17 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
         or (rods and source_numbers(scene.effects) is None)
     ):
         return None
-    names = *((wheel.name, wheel.command) for wheel in wheels), *(rod.name for rod in rods)
+    names = tuple((type(each), each.name, getattr(each, "command", "")) for each in actuators)
     return scene.solver, scene.end_ns, names, len(numbers)
 
 
-def rods_of(scene: Scene) -> list[Magnetorquer]:
-    """Return the magnetorquers of a scene, in its order."""
-    return [actuator for actuator in scene.actuators if isinstance(actuator, Magnetorquer)]
+def actuators_of(scene: Scene) -> list[Actuator]:
+    """Return the actuators that can be commanded here: wheels, magnetorquers, thrusters, each in the scene's order."""
+    return [*scene.wheels, *_of_kind(scene, Magnetorquer), *_of_kind(scene, Thruster)]
+
+
+def _of_kind(scene: Scene, kind: type[_Kind]) -> list[_Kind]:
+    return [actuator for actuator in scene.actuators if isinstance(actuator, kind)]
 
 
 def kernels_at_hand(scene: Scene) -> bool:
@@ -136,7 +149,6 @@ class WheelEnsemble:
     Attributes:
         rows: (groups, ..., `LANES`), their numbers, see `wheel_arcs_kernel.py`.
         time_ns: how far they have come.
-        clipped: commands that the limits of an actuator have reduced, (N,).
     """
 
     def __init__(self, scenes: Sequence[Scene], threads: int | None = None) -> None:
@@ -168,12 +180,19 @@ class WheelEnsemble:
         self._kernel = found[0]
         self._body = body_of_arrays([scene.body for scene in scenes])
         self._start = initial_phases(self._body, [scene.initial for scene in scenes])
-        self.time_ns, self.clipped = 0, np.zeros(len(scenes))
-        self._limits = np.array([[_limit(each) for each in (*s.wheels, *rods_of(s))] for s in scenes])
-        self._most = np.array([[each.most for each in s.wheels] + [math.inf] * len(rods_of(s)) for s in scenes])
+        self.time_ns, self._clipped = 0, np.zeros(len(scenes))
+        self._limits = np.array([[_limit(each) for each in actuators_of(s)] for s in scenes])
+        self._most = np.array([[getattr(each, "most", math.inf) for each in actuators_of(s)] for s in scenes])
         self._none, self._dipoles = np.full((len(scenes), len(first.wheels) + 1), np.nan), _Dipoles.of(scenes)
         self._commands, self._samples = self._none, cast("weakref.ref[WheelSamples] | None", None)
         self._stands = False
+        # How far each has come.
+        self._times = np.zeros(len(scenes), dtype=np.int64)
+        thrusters = [_of_kind(scene, Thruster) for scene in scenes]
+        self._thrusters = None
+        if thrusters[0]:
+            frames, bodies = [scene.frames for scene in scenes], [scene.body for scene in scenes]
+            self._thrusters = ThrusterArrays(thrusters, frames, bodies)
         alike: dict[int, list[int]] = {}
         for i, scene in enumerate(scenes):
             alike.setdefault(id(scene.actuators), []).append(i)
@@ -215,8 +234,18 @@ class WheelEnsemble:
         found: npt.NDArray[np.bool_] = (np.minimum(np.abs(commands), self._limits) > self._most).any(axis=1)
         return found
 
+    @property
+    def clipped(self) -> Numbers:
+        """(N,), commands that the limits of an actuator have reduced."""
+        return self._clipped if self._thrusters is None else self._clipped + self._thrusters.clipped
+
+    @property
+    def rejected(self) -> Numbers:
+        """(N,), commands that a thruster has rejected."""
+        return 0.0 * self._clipped if self._thrusters is None else self._thrusters.rejected
+
     def command(self, commands: Numbers, which: npt.NDArray[np.bool_] | None = None) -> None:
-        """Command the wheels, then the magnetorquers, (N, actuators), from now on; NaN for no command.
+        """Command `actuators_of` the scenes, (N, actuators), from now on; NaN for no command.
 
         `which`, (N,), are the bodies that it comes to: without it all.
         """
@@ -225,14 +254,16 @@ class WheelEnsemble:
         commands = commands if which is None else np.where(which[:, np.newaxis], commands, np.nan)
         beyond, wheels = np.abs(commands) > self._limits, self._none.shape[1] - 1
         if beyond.any():
-            self.clipped = self.clipped + beyond.sum(axis=1)
+            self._clipped = self._clipped + beyond.sum(axis=1)
             commands = np.where(beyond, np.copysign(self._limits, commands), commands)
         told = np.concatenate((commands[:, :wheels], self._none[:, wheels:]), axis=1)
         if self._dipoles is not None:
-            rods = commands[:, wheels:]
+            rods = commands[:, wheels : wheels + self._dipoles.count]
             told[:, wheels] = np.where(np.isnan(rods).all(axis=1), np.nan, 1.0)
             ends, body = self._dipoles.commanded(rods), np.arange(len(self))
             self.rows[body // LANES, -ends.shape[1] :, body % LANES] = ends
+        if self._thrusters is not None:
+            self._thrusters.receive(commands[:, -self._thrusters.count :], self._times)
         self._commands = told if self._commands is self._none else np.where(np.isnan(told), self._commands, told)
 
     def advance_to(self, time_ns: int) -> None:
@@ -242,7 +273,7 @@ class WheelEnsemble:
         if self._stands and time_ns == self.time_ns and self._commands is self._none:
             return
         self._go_to(np.full(len(self), time_ns))
-        self.time_ns, self._commands, self._stands = time_ns, self._none, True
+        self.time_ns, self._stands = time_ns, True
 
     def advance_some(self, times_ns: npt.NDArray[np.int64], which: npt.NDArray[np.bool_]) -> None:
         """Advance the bodies `which`, (N,), each to its own time."""
@@ -252,9 +283,27 @@ class WheelEnsemble:
             # They are there; a stride chosen now would not be taken if commands follow.
             return
         self._go_to(np.where(which, times_ns, -1))
-        self._commands = np.where(which[:, np.newaxis], np.nan, self._commands)
 
     def _go_to(self, until_ns: npt.NDArray[np.int64]) -> None:
+        """Advance each to its time, by way of the changes of its thrusters before then; negative: it stays."""
+        import numpy as np
+
+        while self._thrusters is not None:
+            change_ns = self._thrusters.next_ns
+            due = change_ns < until_ns
+            if not due.any():
+                break
+            ahead = due & (change_ns > self._times)
+            if ahead.any():
+                self._move_to(np.where(ahead, change_ns, -1))
+            bodies, wrenches = self._thrusters.change(due)
+            self.rows[bodies // LANES, _HELD, bodies % LANES] = wrenches
+            self._commands = self._commands.copy()
+            self._commands[bodies, -1] = 1.0
+        self._move_to(until_ns)
+
+    def _move_to(self, until_ns: npt.NDArray[np.int64]) -> None:
+        """Advance each to its time, with its commands; negative: it stays, and they wait."""
         import numpy as np
 
         if self._samples is not None and (samples := self._samples()) is not None:
@@ -266,6 +315,9 @@ class WheelEnsemble:
         what = self.rows, self._arcs, self._whole, _in_lanes(self._commands), times_ns.reshape(-1, LANES)
         parts = parts_of(len(times_ns), LANES, self._threads, _STEPS)
         each_part(lambda part: self._kernel(*what, *(end // LANES for end in part), *self._handed), parts)
+        goes = until_ns >= 0
+        self._times = np.where(goes, until_ns, self._times)
+        self._commands = self._none if goes.all() else np.where(goes[:, np.newaxis], np.nan, self._commands)
 
     def samples(self) -> WheelSamples:
         """Return their present state and bookkeeping."""
@@ -394,22 +446,26 @@ class WheelSamples(Samples):
 
 
 def _limit(actuator: Actuator) -> float:
-    """Return the largest size of its commands."""
+    """Return the largest size of its commands, except of a thruster: see `ThrusterArrays`."""
     if isinstance(actuator, ReactionWheel):
         return actuator.max_torque if actuator.command == "torque" else actuator.max_speed
-    assert isinstance(actuator, Magnetorquer)
-    return actuator.max_dipole
+    return actuator.max_dipole if isinstance(actuator, Magnetorquer) else math.inf
 
 
 class _Dipoles:
-    """The magnetorquers of N bodies."""
+    """The magnetorquers of N bodies.
+
+    Attributes:
+        count: how many each has.
+    """
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
         """Begin without commands."""
         import numpy as np
 
-        rods = [rods_of(scene) for scene in scenes]
-        self._values = np.zeros((len(scenes), len(rods[0])))
+        rods = [_of_kind(scene, Magnetorquer) for scene in scenes]
+        self.count = len(rods[0])
+        self._values = np.zeros((len(scenes), self.count))
         self._axes = np.array([[rod.axis for rod in each] for each in rods])
         self._lengths = np.array([[norm(rod.axis) for rod in each] for each in rods])
         self._principal: Any = tuple(np.array([scene.body.principal_orientation_xyzw for scene in scenes]).T)
@@ -419,7 +475,7 @@ class _Dipoles:
     @classmethod
     def of(cls, scenes: Sequence[Scene]) -> _Dipoles | None:
         """Return those of bodies that have some."""
-        return cls(scenes) if rods_of(scenes[0]) else None
+        return cls(scenes) if _of_kind(scenes[0], Magnetorquer) else None
 
     def commanded(self, dipoles: Numbers) -> Numbers:
         """Command dipoles, (N, rods), NaN for no command; return the numbers of the effects with them."""
@@ -464,7 +520,7 @@ def _beginning(
         now[a : a + 3] = axis
         momenta.append(wheel.inertia * (wheel.speed + dot(axis, omega)))
     invert_inertia(now, 0, moments)
-    if rods_of(first):
+    if _of_kind(first, Magnetorquer):
         # Room for a dipole.
         effects = [(*(0.0,) * WIDTH, *each) for each in effects]
     held = in_principal_axes(first.body, HeldWrench())

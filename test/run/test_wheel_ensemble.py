@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import math
 import random
@@ -12,13 +13,14 @@ from typing import Any
 import pytest
 
 from rb_dynamics import RigidBody, Scene, State
-from rb_dynamics.errors import ConvergenceError
+from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
-from rb_dynamics.loads.wrench import WrenchFrames
+from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.motion.arc import Stepper
 from rb_dynamics.motion.kernel_layout import phase_numbers
 from rb_dynamics.motion.phase_state import SUMS, PhaseState
@@ -26,7 +28,7 @@ from rb_dynamics.motion.wheel_arcs_kernel import ARRIVED, LANES
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.simulation import Simulation, without_outputs
-from rb_dynamics.run.wheel_ensemble import WheelEnsemble, shared_by_wheels
+from rb_dynamics.run.wheel_ensemble import WheelEnsemble, actuators_of, shared_by_wheels
 from rb_dynamics.scene.model import Solver
 
 # The first test compiles the kernels.
@@ -83,9 +85,11 @@ def alone(scene: Scene, at_ns: list[int], commands: list[list[float]]) -> list[t
     for time_ns, values in zip(at_ns, commands, strict=True):
         run.advance(time_ns)
         found.append(numbers(run.phase))
-        for wheel, value in zip(scene.wheels, values, strict=True):
+        for actuator, value in zip(actuators_of(scene), values, strict=True):
             if not math.isnan(value):
-                run.actuate(wheel.name + COMMAND, value, time_ns)
+                # A rejected command counts, and has no effect.
+                with contextlib.suppress(WrenchError):
+                    run.actuate(actuator.name + COMMAND, value, time_ns)
     return found
 
 
@@ -203,6 +207,47 @@ def test_wheels_that_come_back_within_a_step_have_the_bits_of_themselves_alone(
     monkeypatch.setattr(Simulation, "_switch", lambda s, phase: (switched.append(s), switch(s, phase)))
     together_as_alone(scenes, [0, 1_100_000_000, 3_200_000_000], [[[math.nan]] * 4] * 3)
     assert [switched.count(run) for run in dict.fromkeys(switched)] == [2, 2, 2, 2]
+
+
+def with_thrusters(scene: Scene, number: int) -> Scene:
+    """Return the scene with pulsed and throttled thrusters, each with a delay and a force of its own."""
+    draw, fixed, thrusters = random.Random(number), {}, list[Thruster]()
+    for k in range(4):
+        axes = [draw.gauss(0.0, 1.0) for _ in range(4)]
+        size = math.sqrt(sum(each * each for each in axes))
+        place = draw.uniform(-0.1, 0.1), draw.uniform(-0.1, 0.1), draw.uniform(-0.1, 0.1)
+        fixed[f"place{k}"] = FixedFrame(place, tuple(each / size for each in axes))
+        command = "level" if k == 3 else "on_time"
+        delay, least = draw.choice([0.0, 0.013, 0.6]), 0.02 if k == 0 else 0.0
+        entry = Thruster(
+            name=f"t{k}", frame=f"place{k}", force=draw.uniform(0.1, 0.5), command=command, minimum_on=least, delay=delay
+        )
+        thrusters.append(entry)
+    frames = replace(scene.frames, fixed=fixed)
+    return replace(scene, frames=frames, actuators=(thrusters[0], *scene.actuators, *thrusters[1:]))
+
+
+@pytest.mark.parametrize("name", ["auto", "dop853 with a step", "dverk"])
+def test_thrusters_beside_wheels_have_the_bits_of_themselves_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Pulses that end at any time, are cut off, prolonged or too short, meet the next command, or change nothing."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    scenes = [with_thrusters(satellite(number, SOLVERS[name], "torque"), number) for number in range(LANES + 2)]
+    draw = random.Random(name)
+    times = sorted({*(500_000_000 * k for k in range(21)), *(draw.randrange(10 * NANOSECONDS) for _ in range(5))})
+
+    def command(k: int) -> float:
+        if draw.random() < 0.3:
+            return math.nan
+        if k < 3:
+            return draw.uniform(-2e-3, 2e-3)
+        if k == 6:
+            return draw.choice([0.0, 0.0, 0.4, 0.4, 1.0, 1.5, -0.1])
+        return draw.choice([0.0, 0.0, 0.01, 0.1, 0.5, 0.7, draw.uniform(0.0, 2.0)])
+
+    given = [[[command(k) for k in range(7)] for _ in scenes] for _ in times]
+    bodies = together_as_alone(scenes, times, given)
+    assert bodies.clipped.sum() > 0.0
+    assert bodies.rejected.sum() > 0.0
 
 
 def test_samples_end_with_their_last_reader(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.run.many_measurements import ManyMeasurements, shared_by_sensors
 from rb_dynamics.run.many_measurements import kernel_at_hand as sensors_at_hand
 from rb_dynamics.run.sample_arrays import Samples
-from rb_dynamics.run.wheel_ensemble import WheelEnsemble, rods_of, shared_by_wheels
+from rb_dynamics.run.wheel_ensemble import WheelEnsemble, actuators_of, shared_by_wheels
 from rb_dynamics.run.wheel_ensemble import kernels_at_hand as wheels_at_hand
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.many_readings import IN_BODY, parts_of
@@ -98,8 +98,7 @@ class WithWheels:
         except LookupError as error:
             raise NotTogetherError from error
         self._wheels = {wheel.name: k for k, wheel in enumerate(self._scene.wheels)}
-        actuators = *self._wheels, *(rod.name for rod in rods_of(self._scene))
-        self._actuators = {name: k for k, name in enumerate(actuators)}
+        self._actuators = {each.name: k for k, each in enumerate(actuators_of(self._scene))}
         self._effects = [scene.combined_effects for scene in scenes]
         # Commands, in the order of their samples: when they take effect, values, and for which bodies they have yet to.
         self._waiting: list[tuple[Times, Numbers, npt.NDArray[np.bool_]]] = []
@@ -114,11 +113,9 @@ class WithWheels:
 
     def samples(self) -> Samples:
         """Return their state; see `Bodies`."""
-        import numpy as np
-
         samples = self._ensemble.samples()
         samples.clipped_commands = self._ensemble.clipped
-        samples.rejected_commands = np.zeros(len(self._ensemble))
+        samples.rejected_commands = self._ensemble.rejected
         return samples
 
     def onboard(self) -> OnboardValues:
