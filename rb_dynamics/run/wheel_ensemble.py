@@ -22,6 +22,7 @@ from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.thruster_arrays import ThrusterArrays
+from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wheel_numbers import AXIS, BEFORE, EACH, invert_inertia
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
@@ -85,14 +86,17 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
         channel != Channel(channel.topic) for channel in scene.channels
     )
     gradual = any(each.rise or each.fall for each in thrusters)
-    if not wheels or lonely or others or gradual or not all(wheel.is_balanced for wheel in wheels):
+    if not actuators or lonely or others or gradual or not all(wheel.is_balanced for wheel in wheels):
         return None
     numbers = effects.numbers(0.0)
+    if not wheels and (numbers is None or len(numbers) == 1):
+        # Steps under held wrenches alone are others.
+        return None
     changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None
     if (
         numbers is None
         or changing
-        or _kernels(scene.solver) is None
+        or _kernels(scene.solver, effects.takes) is None
         or (rods and source_numbers(scene.effects) is None)
     ):
         return None
@@ -111,7 +115,7 @@ def _of_kind(scene: Scene, kind: type[_Kind]) -> list[_Kind]:
 
 def kernels_at_hand(scene: Scene) -> bool:
     """Return whether nothing has to be compiled for an ensemble."""
-    kernels = _kernels(scene.solver)
+    kernels = _kernels(scene.solver, scene.combined_effects.takes)
     needed = () if kernels is None else (ADVANCE_ALL, kernels.step, kernels.pair, _side_by_side(scene))
     # Each is asked for, also if another is missing.
     found = [each.get(_AHEAD, _AHEAD) for each in needed if each is not None]
@@ -119,9 +123,9 @@ def kernels_at_hand(scene: Scene) -> bool:
 
 
 @cache
-def _kernels(solver: Solver) -> StatefulKernels | None:
-    """Return the kernels of the method for a scene with wheels; None if it has none, or may use another method too."""
-    method = _method(solver)
+def _kernels(solver: Solver, takes: LoadDependence) -> StatefulKernels | None:
+    """Return the kernels of the method for such loads; None if it has none, or may use another method too."""
+    method = _method(solver, takes)
     kernels = None if method is None else stateful_kernels(method)
     if kernels is None or method is None:
         return None
@@ -132,14 +136,14 @@ def _kernels(solver: Solver) -> StatefulKernels | None:
 
 def _side_by_side(scene: Scene) -> OnDemand | None:
     """Return the kernel for the strides of several bodies, if there is one."""
-    method = _method(scene.solver)
+    method = _method(scene.solver, scene.combined_effects.takes)
     return None if scene.solver.step is not None or method is None else strides_beside(method, len(scene.wheels))
 
 
-def _method(solver: Solver) -> Method | None:
+def _method(solver: Solver, takes: LoadDependence) -> Method | None:
     if solver.method != "auto":
         return METHODS.get(solver.method)
-    names = CANDIDATES[ReactionWheel.takes]
+    names = CANDIDATES[takes]
     return METHODS[names[0]] if len(names) == 1 or solver.step is not None else None
 
 
@@ -165,7 +169,7 @@ class WheelEnsemble:
         import numpy as np
 
         self._scenes, first, self._threads = tuple(scenes), scenes[0], threads or cores()
-        kernels = _kernels(first.solver)
+        kernels = _kernels(first.solver, first.combined_effects.takes)
         if kernels is None:
             raise SceneError(f"{first.source}: found a scene that cannot be in an ensemble with wheels")
         ahead = _AHEAD * len(scenes)
@@ -319,8 +323,10 @@ class WheelEnsemble:
         self._times = np.where(goes, until_ns, self._times)
         self._commands = self._none if goes.all() else np.where(goes[:, np.newaxis], np.nan, self._commands)
 
-    def samples(self) -> WheelSamples:
-        """Return their present state and bookkeeping."""
+    def samples(self) -> Samples:
+        """Return their present state and bookkeeping, with wheels `WheelSamples`."""
+        if not self._scenes[0].wheels:
+            return Samples(self._body, self._start, self.phases[:, :PHASE], self.time_ns)
         found = None if self._samples is None else self._samples()
         if found is None:
             time_ns = self.time_ns
@@ -534,7 +540,8 @@ def _beginning(
     rows[:, rows.shape[1] - len(effects[0]) :] = effects
     arcs = np.zeros((len(scenes), GRID_POINT + 2 * size_of(count)))
     whole = np.zeros((len(scenes), WHOLE), dtype=np.int64)
-    method, (x, y, z) = _method(first.solver), tuple(start.T[7:10] + start.T[21:24])
+    takes = first.combined_effects.takes
+    method, (x, y, z) = _method(first.solver, takes), tuple(start.T[7:10] + start.T[21:24])
     # A step that suits one body may not suit another.
     stepped = scenes if first.solver.step is not None else scenes[:1]
     controls = [control_of(each, method, ZERO, each.duration or 0.0) for each in stepped] if method else [None]
