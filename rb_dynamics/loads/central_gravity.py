@@ -52,6 +52,12 @@ def attracted(a: Attraction, point: Point) -> tuple[Vector, Vector]:
     return add(pull, force), scale(3.0 * cubed, cross(n, i_n))
 
 
+def falling(parameter: float, center: Vector, place: Vector) -> Vector:
+    """Return the gravitational acceleration -mu n / r^2 (m/s^2) at a place."""
+    distance, direction = to_center(center, place)
+    return scale(-parameter / distance / distance, direction)
+
+
 def time_to_fall(a: Attraction, point: Point) -> float:
     """Return half of the shortest time (s) to the centre for an approaching body; infinite for others."""
     distance, direction = to_center(a.center, point.position)
@@ -140,12 +146,7 @@ class CentralGravity(Effect):
 
     def gravity(self) -> Field:
         """Return -mu n / r^2 at a place."""
-
-        def at(place: Vector) -> Vector:
-            distance, direction = to_center(self.center_world, place)
-            return scale(-self.gravitational_parameter / distance / distance, direction)
-
-        return at
+        return partial(falling, self.gravitational_parameter, self.center_world)
 
     def potential(self, body: RigidBody) -> Potential:
         """Return U (J), zero at infinity."""

@@ -171,6 +171,17 @@ def source_numbers(effects: Sequence[Effect]) -> tuple[float, ...] | None:
     return None if len(fields) != 1 or fields[0].model == "igrf" else tuple(flat(fields[0].source))
 
 
+def gravity_numbers(effects: Sequence[Effect]) -> tuple[float, ...] | None:
+    """Return mu and centre of the only gravity; zeros without any, None if it is not that of one centre."""
+    found = [effect for effect in effects if effect.gravity() is not None]
+    if not found:
+        return 0.0, *ZERO
+    center = found[0]
+    if len(found) > 1 or not isinstance(center, CentralGravity) or type(center) is not CentralGravity:
+        return None
+    return center.gravitational_parameter, *center.center_world
+
+
 def with_dipoles(numbers: Numbers, sources: Numbers, dipoles: Numbers) -> Numbers:
     """Return `effect_numbers` of many bodies with their dipoles, (N, ...); those without a dipole begin with zeros.
 

@@ -1,9 +1,9 @@
-"""Terms of the equations of motion in principal axes, shared by the Runge-Kutta methods and the samples."""
+"""Terms of the equations of motion in principal axes, shared by the Runge-Kutta methods, samples and sensors."""
 
 from __future__ import annotations
 
-from rb_dynamics.numerics.rotation import Quaternion
-from rb_dynamics.numerics.vector import Vector, scale
+from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
+from rb_dynamics.numerics.vector import Vector, add, cross, divide, scale, subtract
 
 
 def differences_of(moments: Vector) -> Vector:
@@ -39,3 +39,34 @@ def turned(q: Quaternion, twice: float, v: Vector) -> Vector:
         v[1] + w * ty + (z * tx - x * tz),
         v[2] + w * tz + (x * ty - y * tx),
     )
+
+
+def accelerations(
+    mass: float,
+    moments: Vector,
+    center: Vector,
+    axes: Quaternion,
+    orientation: Quaternion,
+    omega: Vector,
+    forces: tuple[Vector, Vector],
+    torque: Vector,
+) -> tuple[Vector, Vector]:
+    """Return the acceleration of the body origin (m/s^2) and the angular one (rad/s^2), both in body axes.
+
+    Euler's equations (lecture 24, eqs. 18 and 19) and F = m dv/dt.
+
+    Args:
+        mass: kg.
+        moments: principal moments, kg m^2.
+        center: of mass from the body origin, body axes, m.
+        axes: principal to body axes.
+        orientation: principal to world axes.
+        omega: angular velocity, principal axes, rad/s.
+        forces: in principal and in world axes, N.
+        torque: about the centre of mass, principal axes, N m.
+    """
+    omega_dot = rotate(axes, divide(add(torque, gyroscopic(differences_of(moments), omega)), moments))
+    force = rotate(axes, add(forces[0], rotate_inverse(orientation, forces[1])))
+    omega_body = rotate(axes, omega)
+    turning = add(cross(omega_dot, center), cross(omega_body, cross(omega_body, center)))
+    return subtract(scale(1.0 / mass, force), turning), omega_dot

@@ -127,7 +127,7 @@ def find_truths(rows: Numbers, bodies: Numbers, truth: Numbers) -> None:
     Args:
         rows: (groups, ..., lanes), of body i the numbers of lane i % lanes in group i // lanes: constants, then phase.
         bodies: (7, N), of each the centre of mass, and the rotation from principal to body axes.
-        truth: (N, 10).
+        truth: (N, 10 and more).
     """
     for i in range(len(truth)):
         group, at = divmod(i, rows.shape[2])

@@ -18,6 +18,7 @@ from rb_dynamics.loads.wheel_numbers import (
     bend_and_noise,
     command_wheel,
     excess,
+    inner_torque,
     is_far,
     is_held,
     may_stay,
@@ -28,8 +29,9 @@ from rb_dynamics.loads.wheel_numbers import (
     switch_wheels,
 )
 from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.motion.equations_of_motion import accelerations
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
-from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_at, phase_at, write_phase
+from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, TRUTHS, constants_at, phase_at, write_phase
 from rb_dynamics.motion.load_time_scale import steady_time
 from rb_dynamics.motion.method import Inertia
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, is_finite, spun, total, two_sum
@@ -395,6 +397,31 @@ def _point(c: Numbers, phase: PhaseState) -> Point:
     return Point(elapsed(phase), total(phase, POSITION), velocity, phase.orientation, phase.angular_velocity)
 
 
+def find_accelerations(rows: Lanes, bodies: Numbers, truth: Numbers) -> None:
+    """Write the accelerations of bodies where they stand, as in `Truth`, from number 10 on; arguments as `find_truths`.
+
+    Behind their states, the rates of a stage are overwritten.
+    """
+    for i in range(len(truth)):
+        group, at = divmod(i, LANES)
+        c, b, t = rows[group, :, at], bodies, truth
+        (inertia, held), phase, (_, _, states) = constants_at(c), phase_at(c, CONSTANTS), layout(c)
+        q, omega, push, torque = phase.orientation, phase.angular_velocity, held.force_world, ZERO
+        if has_effects(c):
+            here = _point(c, phase)
+            load: Any = EffectLoad(c, here.time, here.position)
+            force, torque = evaluated(load, 0.0, ZERO, here.velocity, q, omega)
+            push = add(push, force)
+        twist = add(held.torque_body, rotate_inverse(q, held.torque_world))
+        if c[WHEELS] > 0.0:
+            torque = add(torque, inner_torque(c, WHEELS, states, inertia.moments, add(twist, torque), q, omega))
+        center, axes = (b[0, i], b[1, i], b[2, i]), (b[3, i], b[4, i], b[5, i], b[6, i])
+        forces, torque = (held.force_body, push), add(twist, torque)
+        along, around = accelerations(inertia.mass, inertia.moments, center, axes, q, omega, forces, torque)
+        t[i, 10], t[i, 11], t[i, 12] = along
+        t[i, 13], t[i, 14], t[i, 15] = around
+
+
 def _all_finite(c: Numbers, phase: PhaseState, a: Numbers, at: int) -> bool:
     """Return whether a phase, its states, which begin at `at` in `a`, and its energy are finite."""
     momentum, omega = total(phase, MOMENTUM), phase.angular_velocity
@@ -489,3 +516,5 @@ _ARRAYS = "float64[:, :, ::1], float64[:, :, ::1], int64[:, :, ::1], float64[:, 
 _KERNELS = f"{_TAKE}, {_TAKE}, FunctionType({BESIDE}), int64"
 _SIGNATURE = f"void({_ARRAYS}, int64, int64, {_KERNELS}, float64[:, ::1], float64[:, :, ::1])"
 ADVANCE_ALL = OnDemand("dop853", advance_all, _SIGNATURE, steps=4.0)
+FIND_ACCELERATIONS = OnDemand("dop853", find_accelerations, TRUTHS, steps=1.0)
+"""The kernel that finds the accelerations of many bodies."""

@@ -16,7 +16,7 @@ from rb_dynamics.motion.method import Method
 from rb_dynamics.motion.propagation_kernel import NO_STRIDES, PROPAGATE
 from rb_dynamics.motion.stateful_kernel import stateful_kernels
 from rb_dynamics.motion.variational_equations import VARIATIONAL
-from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL
+from rb_dynamics.motion.wheel_arcs_kernel import ADVANCE_ALL, FIND_ACCELERATIONS
 from rb_dynamics.motion.wheel_lanes_kernel import COUNTS, strides_beside
 from rb_dynamics.run.many_measurements import FIND_TRUTHS, READ_ALL
 
@@ -39,7 +39,9 @@ def all_kernels() -> dict[str, OnDemand]:
         for each in (*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m), *_with_wheels(m))
     )
     beside = (strides_beside(m, n) for m in methods for n in COUNTS)
-    return usual_kernels() | _by_name([FREE_STATES, ADVANCE_ALL, *beside, READ_ALL, FIND_TRUTHS, *others])
+    return usual_kernels() | _by_name(
+        [FREE_STATES, ADVANCE_ALL, *beside, READ_ALL, FIND_TRUTHS, FIND_ACCELERATIONS, *others]
+    )
 
 
 def _of(method: Method, *, effects: bool = False) -> Iterable[OnDemand | None]:

@@ -11,9 +11,10 @@ import math
 from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.loads.compiled_load import source_numbers
+from rb_dynamics.loads.compiled_load import gravity_numbers, source_numbers
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.kernel_layout import TRUTHS, find_truths
+from rb_dynamics.motion.wheel_arcs_kernel import FIND_ACCELERATIONS
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.run.measurements import SampleTimes
 from rb_dynamics.scene.model import Scene
@@ -32,6 +33,11 @@ _AHEAD = 100.0
 READ_ALL = OnDemand("rk4", read_all, READINGS, steps=20.0)
 FIND_TRUTHS = OnDemand("rk4", find_truths, TRUTHS, steps=20.0)
 """The kernels that read a sensor on many bodies, and find what it senses."""
+
+
+def has_readable_forces(scene: Scene) -> bool:
+    """Return whether accelerometers of the scene can be read together."""
+    return gravity_numbers(scene.effects) is not None
 
 
 def shared_by_sensors(scene: Scene) -> Hashable | None:
@@ -57,14 +63,23 @@ class _Sensor:
         may_be_silent: whether its target may be out of its view, (N,).
     """
 
-    def __init__(self, scenes: Sequence[Scene], number: int) -> None:
+    def __init__(self, scenes: Sequence[Scene], number: int, *, forces: bool) -> None:
         import numpy as np
 
         sensors = [scene.sensors[number] for scene in scenes]
         self._times, self.delay_ns = SampleTimes(sensors[0].rate), nanoseconds(sensors[0].delay)
         self.may_be_silent = np.array([sensor.may_be_silent for sensor in sensors])
-        each = zip(sensors, scenes, strict=True)
-        self._numbers = np.array([numbers_of(s, scene.frames, source_numbers(scene.effects)) for s, scene in each])
+        self._numbers = np.array(
+            [
+                numbers_of(
+                    sensor,
+                    scene.frames,
+                    source_numbers(scene.effects),
+                    gravity_numbers(scene.effects) if forces else None,
+                )
+                for sensor, scene in zip(sensors, scenes, strict=True)
+            ]
+        )
         words = [words_of(sensor, scene.seed) for sensor, scene in zip(sensors, scenes, strict=True)]
         self._words = np.array(words, dtype=np.uint64).view(np.int64)
         self.newest = np.full((len(scenes), READING), math.nan)
@@ -105,8 +120,10 @@ class ManyMeasurements:
         sensors: of a body, in the order of the scene.
     """
 
-    def __init__(self, scenes: Sequence[Scene]) -> None:
+    def __init__(self, scenes: Sequence[Scene], *, forces: bool = False) -> None:
         """Begin before the first sample, for scenes that share what `shared_by_sensors` returns.
+
+        With `forces`, accelerometers are read, too, if scenes `has_readable_forces`.
 
         Raises:
             LookupError: the kernels are not there, and not worth compiling now.
@@ -114,13 +131,14 @@ class ManyMeasurements:
         import numpy as np
 
         ahead = _AHEAD * len(scenes)
-        kernels: Any = READ_ALL.get(ahead, ahead), FIND_TRUTHS.get(ahead, ahead)
+        needed = [READ_ALL, FIND_TRUTHS, *([FIND_ACCELERATIONS] if forces else [])]
+        kernels: Any = [kernel.get(ahead, ahead) for kernel in needed]
         if None in kernels:
             raise LookupError("the kernels for sensors are not there")
-        self._kernel, self._find_truths = kernels
+        self._kernel, *self._find = kernels
         bodies = [(*scene.body.center_of_mass, *scene.body.principal_orientation_xyzw) for scene in scenes]
-        self._bodies, self._truth = np.ascontiguousarray(np.array(bodies).T), np.empty((len(scenes), 10))
-        self.sensors = [_Sensor(scenes, number) for number in range(len(scenes[0].sensors))]
+        self._bodies, self._truth = np.ascontiguousarray(np.array(bodies).T), np.empty((len(scenes), 16))
+        self.sensors = [_Sensor(scenes, number, forces=forces) for number in range(len(scenes[0].sensors))]
         # Readings not yet delivered: when they arrive, the number of their sensor, when they were taken.
         self._waiting: list[tuple[int, int, int, Numbers]] = []
 
@@ -131,7 +149,8 @@ class ManyMeasurements:
 
     def take(self, rows: Numbers, time_ns: int) -> None:
         """Take the samples that are due at `time_ns`, of the bodies with these numbers, see `find_truths`."""
-        self._find_truths(rows, self._bodies, self._truth)
+        for find in self._find:
+            find(rows, self._bodies, self._truth)
         for number, sensor in enumerate(self.sensors):
             while sensor.due_ns <= time_ns:
                 taken_ns = sensor.due_ns

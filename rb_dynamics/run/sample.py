@@ -11,11 +11,11 @@ from rb_dynamics.loads.effect import Point, Stored
 from rb_dynamics.loads.varying_load import Load
 from rb_dynamics.loads.wheel_set import WheelSet
 from rb_dynamics.loads.wrench import HeldWrench
-from rb_dynamics.motion.equations_of_motion import differences_of, gyroscopic
+from rb_dynamics.motion.equations_of_motion import accelerations
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.phase_state import PhaseState, inertia_of
 from rb_dynamics.numerics.rotation import Quaternion, rotate, rotate_inverse
-from rb_dynamics.numerics.vector import ZERO, Vector, add, cross, divide, dot, scale, subtract
+from rb_dynamics.numerics.vector import ZERO, Vector, add, dot, scale, subtract
 from rb_dynamics.numerics.vector import multiply as times
 
 if TYPE_CHECKING:
@@ -212,10 +212,9 @@ def torque_impulse(first: Sample, sample: Sample) -> Vector:
 def acceleration(
     body: RigidBody, phase: PhaseState, held: HeldWrench, load: Load | None = None
 ) -> tuple[Vector, Vector]:
-    """Return the linear acceleration of the body origin (m/s^2) and the angular one (rad/s^2), both in body axes.
+    """Return `accelerations` under `held` (body parts in principal axes) and `load`.
 
-    Euler's equations (lecture 24, eqs. 18 and 19) and F = m dv/dt under `held` (body parts in principal axes) and
-    `load`: the true acceleration, not a difference of velocities.
+    They are the true ones, not differences of velocities.
     """
     omega, moments, axes = phase.angular_velocity, inertia_of(body).moments, body.principal_orientation_xyzw
     torque = add(held.torque_body, rotate_inverse(phase.orientation, held.torque_world))
@@ -224,8 +223,5 @@ def acceleration(
         velocity = scale(1.0 / body.mass, phase.linear_momentum_world)
         varying_force, varying_torque = load(0.0, ZERO, velocity, phase.orientation, omega)
         push, torque = add(push, varying_force), add(torque, varying_torque)
-    omega_dot = rotate(axes, divide(add(torque, gyroscopic(differences_of(moments), omega)), moments))
-    force = rotate(axes, add(held.force_body, rotate_inverse(phase.orientation, push)))
-    omega_body, arm = rotate(axes, omega), body.center_of_mass
-    turning = add(cross(omega_dot, arm), cross(omega_body, cross(omega_body, arm)))
-    return subtract(scale(1.0 / body.mass, force), turning), omega_dot
+    forces = held.force_body, push
+    return accelerations(body.mass, moments, body.center_of_mass, axes, phase.orientation, omega, forces, torque)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rb_dynamics.loads.wrench import FixedFrame
 from rb_dynamics.numerics.argument_checks import instance
 from rb_dynamics.numerics.rotation import rotate, rotate_inverse
-from rb_dynamics.numerics.vector import add, cross, subtract
+from rb_dynamics.numerics.vector import Vector, add, cross, subtract
 from rb_dynamics.sensors.axis_errors import AXIS_KEYS, AxisErrors
 from rb_dynamics.sensors.random_numbers import RandomNumbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
@@ -68,12 +68,20 @@ class Imu(Sensor):
 
         def read(sample: int, truth: Truth) -> tuple[float, ...]:
             omega, (acceleration, spin_up) = truth.angular_velocity_body, truth.acceleration()
-            turning = add(cross(spin_up, arm), cross(omega, cross(omega, arm)))
             at = add(truth.position_world, rotate(truth.orientation_xyzw, arm))
             falling = rotate_inverse(truth.orientation_xyzw, truth.gravity(at))
-            force = subtract(add(acceleration, turning), falling)
+            force = specific_force(acceleration, spin_up, omega, arm, falling)
             rates = gyro(sample, rotate_inverse(axes, omega))
             forces = accelerometer(sample, rotate_inverse(axes, force))
             return (*_NO_ATTITUDE, *rates, *of_gyro, *forces, *of_accelerometer)
 
         return read
+
+
+def specific_force(acceleration: Vector, spin_up: Vector, omega: Vector, arm: Vector, falling: Vector) -> Vector:
+    """Return the specific force (m/s^2) at `arm` from the body origin; all in body axes.
+
+    `acceleration` is that of the origin, `spin_up` the angular one, `falling` that of gravity at the place.
+    """
+    turning = add(cross(spin_up, arm), cross(omega, cross(omega, arm)))
+    return subtract(add(acceleration, turning), falling)

@@ -221,7 +221,12 @@ def with_thrusters(scene: Scene, number: int) -> Scene:
         command = "level" if k == 3 else "on_time"
         delay, least = draw.choice([0.0, 0.013, 0.6]), 0.02 if k == 0 else 0.0
         entry = Thruster(
-            name=f"t{k}", frame=f"place{k}", force=draw.uniform(0.1, 0.5), command=command, minimum_on=least, delay=delay
+            name=f"t{k}",
+            frame=f"place{k}",
+            force=draw.uniform(0.1, 0.5),
+            command=command,
+            minimum_on=least,
+            delay=delay,
         )
         thrusters.append(entry)
     frames = replace(scene.frames, fixed=fixed)

@@ -10,18 +10,19 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from rb_dynamics.loads.compiled_load import source_numbers
+from rb_dynamics.loads.central_gravity import CentralGravity
+from rb_dynamics.loads.compiled_load import gravity_numbers, source_numbers
 from rb_dynamics.loads.magnetic_field import MagneticField
+from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, WrenchFrames
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.rotation import exp
-from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.many_measurements import READ_ALL
 from rb_dynamics.sensors.attitude_sensors import PoseSensor, StarTracker, SunSensor
 from rb_dynamics.sensors.axis_errors import AxisErrors
 from rb_dynamics.sensors.imu import Imu
 from rb_dynamics.sensors.magnetometer import Magnetometer
-from rb_dynamics.sensors.many_readings import LOST, READING, numbers_of, parts_of, read_all, words_of
+from rb_dynamics.sensors.many_readings import FORCE, LOST, READING, numbers_of, parts_of, read_all, words_of
 from rb_dynamics.sensors.random_numbers import key_of, normal_numbers, uniform_numbers
 from rb_dynamics.sensors.sensor import Sensor, Truth
 
@@ -31,6 +32,7 @@ SENSORS = [
     Imu(name="imu", rate=10.0, frame="skew", dropout=0.3, gyro=GYRO),
     Imu(name="gyro", rate=3.0, gyro=AxisErrors(noise_density=1e-4)),
     Imu(name="ideal", rate=3.0),
+    Imu(name="forces", rate=10.0, frame="skew", gyro=GYRO, accelerometer=replace(GYRO, range=8.0)),
     StarTracker(name="tracker", rate=5.0, frame="skew", noise=1e-2, dropout=0.1),
     StarTracker(name="exact", rate=5.0),
     PoseSensor(name="pose", rate=5.0, frame="skew", position_noise=1e-3, orientation_noise=1e-3),
@@ -47,11 +49,12 @@ SENSORS = [
 ]
 FIELD = MagneticField("dipole", moment_world=(1e6, 0.0, -3e6), center_world=(1.0, 2.0, 3.0))
 SOURCE = source_numbers([FIELD])
+CENTER = CentralGravity(gravitational_parameter=5.0, center_world=(1.0, 0.0, 2.0))
 
 
 def truths(count: int) -> list[tuple[float, ...]]:
     draw = random.Random(count)
-    rows = [[draw.gauss(0.0, 0.5) for _ in range(9)] for _ in range(count)]
+    rows = [[draw.gauss(0.0, 0.5) for _ in range(15)] for _ in range(count)]
     return [(*row[:3], *exp((row[3], row[4], row[5])), *row[6:]) for row in rows]
 
 
@@ -60,7 +63,10 @@ def alone(sensor: Sensor, seed: int, samples: list[tuple[float, ...]]) -> list[t
     reading, found = sensor.reading(seed, FRAMES), []
     for number, row in enumerate(samples):
         q, w = (row[3], row[4], row[5], row[6]), (row[7], row[8], row[9])
-        truth = Truth((row[0], row[1], row[2]), q, w, lambda: (ZERO, ZERO), lambda _: ZERO, FIELD.magnetic_field())
+        moves = (row[10], row[11], row[12]), (row[13], row[14], row[15])
+        truth = Truth(
+            (row[0], row[1], row[2]), q, w, lambda moves=moves: moves, CENTER.gravity(), FIELD.magnetic_field()
+        )
         found.append(reading(number, truth))
     return found
 
@@ -76,7 +82,8 @@ def test_each_reading_has_the_bits_of_itself_alone(
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always" if compiled else "never")
     kernel, seeds, samples = READ_ALL.get(1.0, 1.0) or read_all, [0, 5, 2**53], 20
     rows = truths(samples * len(seeds))
-    numbers = np.array([numbers_of(sensor, FRAMES, SOURCE) for _ in seeds])
+    gravity = gravity_numbers([CENTER]) if sensor.name in ("forces", "imu") else None
+    numbers = np.array([numbers_of(sensor, FRAMES, SOURCE, gravity) for _ in seeds])
     words = np.array([words_of(sensor, seed) for seed in seeds], dtype=np.uint64).view(np.int64)
     found = []
     for number in range(samples):
@@ -90,6 +97,8 @@ def test_each_reading_has_the_bits_of_itself_alone(
             lost += message is None
             assert row[LOST] == (message is None)
             for name, part in parts_of(sensor).items():
+                if name == FORCE and gravity is None:
+                    continue
                 assert message is None or tuple(row[part]) == message[sensor.values[name]], name
     assert lost < samples * len(seeds)
     assert (lost > 0) == (sensor.dropout > 0.0 or sensor.may_be_silent)
@@ -116,3 +125,10 @@ def test_normal_numbers_are_those_of_the_standard_library() -> None:
 def test_the_frame_of_a_sensor_counts() -> None:
     tracker = SENSORS[3]
     assert numbers_of(tracker, FRAMES, None) != numbers_of(replace(tracker, frame=""), FRAMES, None)
+
+
+def test_gravity_of_several_centres_is_not_read() -> None:
+    assert gravity_numbers([FIELD]) == (0.0, 0.0, 0.0, 0.0)
+    assert gravity_numbers([FIELD, CENTER]) == (5.0, 1.0, 0.0, 2.0)
+    assert gravity_numbers([CENTER, CENTER]) is None
+    assert gravity_numbers([UniformGravity(acceleration_world=(0.0, 0.0, -9.81))]) is None

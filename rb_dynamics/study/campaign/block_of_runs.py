@@ -229,18 +229,26 @@ def _fly(
 
 
 def _fly_with_wheels(
-    campaign: Campaign, runs: list[_Run], threads: int | None, watch: Callable[[Samples], None] | None = None
+    campaign: Campaign,
+    runs: list[_Run],
+    threads: int | None,
+    watch: Callable[[Samples], None] | None = None,
+    *,
+    forces: bool = False,
 ) -> list[_Part]:
-    """Execute runs with wheels side by side, and those alone that cannot be executed so."""
+    """Execute runs with wheels side by side, and those alone that cannot be executed so; `forces`: see `WithWheels`."""
     metrics, bodies = MetricAccumulator(campaign, len(runs)), None
     try:
-        bodies = WithWheels([run.scene for run in runs], campaign.control is not None, threads)
+        bodies = WithWheels([run.scene for run in runs], campaign.control is not None, threads, forces=forces)
         failed = _advance(campaign, bodies, runs, metrics, watch)
         bodies.require_all()
     except (NotTogetherError, FunctionError, ConvergenceError) as error:
+        if bodies is not None and bodies.may_feel:
+            return _fly_with_wheels(campaign, runs, threads, watch, forces=True)
         if len(runs) > 1 and isinstance(error, FunctionError) and bodies is not None and not bodies.lacking:
             half = len(runs) // 2
-            return _fly_with_wheels(campaign, runs[:half], threads) + _fly_with_wheels(campaign, runs[half:], threads)
+            parts = runs[:half], runs[half:]
+            return [each for part in parts for each in _fly_with_wheels(campaign, part, threads, forces=forces)]
         return [_fly_alone(campaign, run) for run in runs]
     apart = bodies.apart
     places = {place: k for k, place in enumerate((~apart).nonzero()[0].tolist())}

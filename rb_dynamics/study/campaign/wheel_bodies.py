@@ -1,7 +1,8 @@
 """`WithWheels`: the bodies of a block that have reaction wheels, and sensors that their law hears, side by side.
 
-Each has the bits of itself alone. What this does not have, such as forces beside the wheels or accelerometers, it finds
-out when a law asks for it: the runs are then repeated alone.
+Each has the bits of itself alone. What this does not have, such as forces beside the wheels, it finds out when a law
+asks for it: the runs are then repeated alone. They are repeated, too, if a law reads an accelerometer, which takes more
+time at each sample.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from typing import TYPE_CHECKING
 
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
-from rb_dynamics.run.many_measurements import ManyMeasurements, shared_by_sensors
+from rb_dynamics.run.many_measurements import ManyMeasurements, has_readable_forces, shared_by_sensors
 from rb_dynamics.run.many_measurements import kernel_at_hand as sensors_at_hand
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.run.wheel_ensemble import WheelEnsemble, actuators_of, shared_by_wheels
 from rb_dynamics.run.wheel_ensemble import kernels_at_hand as wheels_at_hand
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.sensors.many_readings import IN_BODY, parts_of
+from rb_dynamics.sensors.many_readings import FORCE, IN_BODY, parts_of
 from rb_dynamics.study.campaign.control_inputs import OnboardValues, SensorReading
 from rb_dynamics.study.campaign.laws import LAWS
 from rb_dynamics.study.campaign.model import Control
@@ -83,8 +84,12 @@ class WithWheels:
         lacking: whether a law has asked for what is not there.
     """
 
-    def __init__(self, scenes: Sequence[Scene], driven: bool, threads: int | None = None) -> None:
-        """Start at the initial states of the scenes; `driven`: by a controller, which hears their sensors.
+    def __init__(
+        self, scenes: Sequence[Scene], driven: bool, threads: int | None = None, *, forces: bool = False
+    ) -> None:
+        """Start at the initial states of the scenes.
+
+        `driven`: by a controller, which hears their sensors; `forces`: also their accelerometers.
 
         Raises:
             NotTogetherError: the kernels are not there.
@@ -94,7 +99,7 @@ class WithWheels:
         self._scene = scenes[0]
         try:
             self._ensemble = WheelEnsemble(scenes, threads)
-            self._sensing = ManyMeasurements(scenes) if driven and self._scene.sensors else None
+            self._sensing = ManyMeasurements(scenes, forces=forces) if driven and self._scene.sensors else None
         except LookupError as error:
             raise NotTogetherError from error
         self._wheels = {wheel.name: k for k, wheel in enumerate(self._scene.wheels)}
@@ -104,7 +109,12 @@ class WithWheels:
         self._waiting: list[tuple[Times, Numbers, npt.NDArray[np.bool_]]] = []
         self._apart = np.zeros(len(scenes), dtype=np.bool_)
         self.failed: Mapping[int, str] = {}
-        self.lacking = self._heard = False
+        self.lacking, self._heard, self._forces = False, False, forces
+
+    @property
+    def may_feel(self) -> bool:
+        """Whether they can go together with accelerometers, and a law has asked for one."""
+        return self.lacking and not self._forces and has_readable_forces(self._scene)
 
     @property
     def apart(self) -> npt.NDArray[np.bool_]:
@@ -146,7 +156,7 @@ class WithWheels:
             def value(
                 name: str, newest: Numbers = now.newest, parts: Mapping[str, slice] = parts_of(sensor)
             ) -> Numbers:
-                return newest[:, parts[name]].copy() if name in parts else self._ask()
+                return newest[:, parts[name]].copy() if name != FORCE or self._forces else self._ask()
 
             yield sensor.name, SensorReading(sensor.name, now.taken_s.copy(), _OnRequest(sensor.values, value))
 

@@ -153,7 +153,9 @@ def test_runs_without_a_controller_or_sensors(tmp_path: Path, monkeypatch: pytes
             "found['x'] = 0.1 * measured.sensors['imu'].angular_velocity[:, 0] + measured.wheel_speeds['y'] * 1e-5",
             False,
         ),
-        ("found['x'] = measured.sensors['imu'].specific_force[:, 0]", True),
+        # Read from the start or later, the runs are repeated with accelerometers.
+        ("found['x'] = 1e-3 * measured.sensors['imu'].specific_force[:, 0]", False),
+        ("found['y'] = 1e-3 * (measured.sensors['imu'].specific_force[:, 1] if calls > 9 else rate[:, 1])", False),
         ("found['force'] = 0.001 * rate", True),
     ],
 )
@@ -223,6 +225,42 @@ sensors:
     )
     assert len(apart) < 6
     assert (rows["final_rate"] != still["final_rate"]).all()
+
+
+@pytest.mark.parametrize(("solver", "wheels"), [("accuracy: 1.0e-7", True), ("method: dverk, accuracy: 1.0e-7", False)])
+def test_thrusters_and_accelerometers_go_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, solver: str, wheels: bool
+) -> None:
+    """Each run with delays and forces of its own; commands that are too short or too large are counted."""
+    apart = alone_in(monkeypatch)
+    devices = """\
+  - {type: thruster, name: jet, frame: skew, force: 0.05, minimum_on: 0.02, delay: 0.01}
+  - {type: thruster, name: valve, frame: skew, force: 0.02, command: level}
+sensors:
+"""
+    scene = SATELLITE.replace("sensors:\n", devices).replace("accuracy: 1.0e-7", solver)
+    scene = scene.replace(
+        "gyro:", "accelerometer: {bias: [0, 1.0e-3, 0], noise_density: 1.0e-3, random_walk: 1.0e-4},\n     gyro:"
+    )
+    body = """
+        felt = measured.sensors["imu"].specific_force
+        found["jet"] = np.where(rate[:, 0] > 0.0, np.abs(rate[:, 1]) * 10.0 + np.abs(felt[:, 0]), 0.0)
+        if calls % 3:
+            found["valve"] = 50.0 * rate[:, 2]
+"""
+    text = re.sub(r"law: attitude_pd(.*) through: \[x, y, z\],", r"law: own.law\1", CAMPAIGN)
+    text = text.replace("choice: {values: [0.0, 0.07, 0.25]}", "uniform: {low: 0.0, high: 0.45}")
+    text = text.replace("disperse:\n", "disperse:\n  actuators.jet.force: {uniform: {low: 0.04, high: 0.06}}\n")
+    text = text.replace("disperse:\n", "disperse:\n  body.mass: {uniform: {low: 9.0, high: 11.0}}\n")
+    if not wheels:
+        scene = re.sub(r"  - {type: reaction_wheel.*\n", "", scene)
+        text = re.sub(r"  actuators.x.*\n|  speed: .*\n", "", text)
+        body = "\n        found = {}" + body
+    (tmp_path / "own.py").write_text(LAW.replace("        BODY\n", body), encoding="utf-8")
+    rows = require_rows_of_runs_alone(read_campaign(write(tmp_path, text, scene)), 6)
+    assert len(apart) < 3
+    assert rows["clipped"].max() > 0.0
+    assert rows["rejected"].max() > 0.0
 
 
 def test_sun_sensors_go_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
