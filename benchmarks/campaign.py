@@ -13,6 +13,9 @@ Usage: python benchmarks/campaign.py WHAT [COUNT] [--basilisk PYTHON]
 `accuracy`: COUNT runs (default 200) of config/campaigns/capture.yaml, by accuracy under an effect, in a block and each
     alone, in turn.
 `spacecraft`: COUNT runs (default 400) of config/campaigns/spacecraft.yaml, as `accuracy`.
+`devices`: COUNT runs (default 400) of 150 s of that satellite without magnetorquers, as `accuracy`: with six thrusters,
+    pulsed at 2 Hz by the gyro, beside its wheels and in their place, and with wheels by a law that reads the
+    accelerometer.
 `satellite`: 300 s of a 6U satellite in orbit: three wheels with friction, noisy gyro and star tracker at 2 Hz,
     attitude_pd, gravity gradient; in turn in Basilisk, COUNT runs (default 100) as for `peer`, with steps of 0.1 s, and
     in a block of 2000 runs by `dverk` and by `auto`, three times; what Basilisk's error and time are by step; and where
@@ -100,6 +103,73 @@ control:
   through: [x, y, z]
   parameters: {{proportional: {stiffness}, derivative: {damping}}}
 metrics: {{final_rate: {{final: rate}}, pointing: {{final: attitude}}}}
+"""
+
+_SENSES = f"""\
+sensors: [{{type: imu, name: imu, rate: 2.0, gyro: {{noise_density: {GYRO_NOISE}}},
+  accelerometer: {{noise_density: 1.0e-5}}}}]
+"""
+# Frames on the body; force along their x axes gives torques about x, y and z.
+_FRAMES = """\
+  frames:
+    x: {position: [0, 0.1, 0], orientation: {x: 0, y: -0.7071067811865476, z: 0, w: 0.7071067811865476}}
+    less_x: {position: [0, -0.1, 0], orientation: {x: 0, y: -0.7071067811865476, z: 0, w: 0.7071067811865476}}
+    y: {position: [0, 0, 0.1]}
+    less_y: {position: [0, 0, -0.1]}
+    z: {position: [0.1, 0, 0], orientation: {x: 0, y: 0, z: 0.7071067811865476, w: 0.7071067811865476}}
+    less_z: {position: [-0.1, 0, 0], orientation: {x: 0, y: 0, z: 0.7071067811865476, w: 0.7071067811865476}}
+"""
+_THRUSTERS = "".join(
+    f"  - {{type: thruster, name: jet_{at}, frame: {at}, force: 0.05, minimum_on: 0.01}}\n"
+    for at in ("x", "less_x", "y", "less_y", "z", "less_z")
+)
+DEVICES_LAW = """\
+import numpy as np
+
+
+def with_wheels(parameters):
+    return lambda measured: turned(measured, 0.01)
+
+
+def with_thrusters(parameters):
+    return lambda measured: pulsed(measured)
+
+
+def with_both(parameters):
+    return lambda measured: turned(measured, 0.01) | pulsed(measured)
+
+
+def with_forces(parameters):
+    def command(measured):
+        force = measured.sensors["imu"].specific_force
+        return {name: value + 1e-6 * force[:, 0] for name, value in turned(measured, 0.01).items()}
+
+    return command
+
+
+def turned(measured, gain):
+    return {axis: gain * measured.angular_velocity_body[:, i] for i, axis in enumerate("xyz")}
+
+
+def pulsed(measured):
+    found = {}
+    for i, axis in enumerate("xyz"):
+        on = -4.0 * measured.angular_velocity_body[:, i]
+        for name, time in ((axis, on), ("less_" + axis, -on)):
+            found["jet_" + name] = np.where(time < 0.01, 0.0, np.minimum(time, 0.4))
+    return found
+"""
+DEVICES = """\
+scene: scene.yaml
+set: {duration: 150, solver.method: METHOD}
+runs: 400
+sampling: random
+disperse:
+  initial.angular_velocity_body: {normal: {deviation: 0.03}}
+  body.inertia: {second_moments: 0.05, axes: 0.02}
+  control.delay: {uniform: {low: 0.02, high: 0.2}}
+control: {law: devices_law.LAW, rate: 2, delay: 0.05, parameters: {}}
+metrics: {final_rate: {final: rate}}
 """
 
 
@@ -425,6 +495,30 @@ def by_accuracy(path: Path, runs: int) -> None:
     print(f"alone       {alone * 1e3:9.3f} ms a run, {ratio:.1f} times as long")
 
 
+def devices(runs: int) -> None:
+    wheels = SATELLITE[SATELLITE.index("  - {type: reaction_wheel") : SATELLITE.index("sensors:")]
+    bare = SATELLITE.replace(wheels, "ACTUATORS").replace("initial:", _FRAMES + "initial:", 1)
+    begin, end = bare.index("sensors:"), bare.index("solver:")
+    bare = bare[:begin] + _SENSES + bare[end:]
+    bare = bare.replace(
+        f"body: {{mass: 10.0, inertia: {{diagonal: {list(SATELLITE_MOMENTS)}}}}}",
+        f"body:\n  mass: 10.0\n  inertia: {{diagonal: {list(SATELLITE_MOMENTS)}}}",
+    )
+    for law, actuators in (
+        ("with_wheels", wheels),
+        ("with_forces", wheels),
+        ("with_both", wheels + _THRUSTERS),
+        ("with_thrusters", _THRUSTERS),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder, "devices_law.py").write_text(DEVICES_LAW)
+            Path(folder, "scene.yaml").write_text(bare.replace("ACTUATORS", actuators).replace("METHOD", "dop853"))
+            path = Path(folder, "campaign.yaml")
+            path.write_text(DEVICES.replace("LAW", law).replace("METHOD", "dop853"))
+            print(law)
+            by_accuracy(path, runs)
+
+
 def _inertias(found: Any, runs: int) -> list[Any]:
     from rb_dynamics.study.campaign.sampling import inputs
     from rb_dynamics.study.campaign.scenes import Scenes
@@ -599,6 +693,7 @@ def main() -> None:
             "memory",
             "satellite",
             "spacecraft",
+            "devices",
             *PEERS,
         ),
     )
@@ -619,6 +714,8 @@ def main() -> None:
         by_accuracy(CAPTURE, args.count or 200)
     elif args.what == "spacecraft":
         by_accuracy(SPACECRAFT, args.count or 400)
+    elif args.what == "devices":
+        devices(args.count or 400)
     elif args.what == "satellite":
         satellite(args.count or 100, args.basilisk)
     elif args.what == "memory":
