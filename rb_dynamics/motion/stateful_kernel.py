@@ -139,6 +139,10 @@ def _begun(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: Phas
     return CompiledWheelLoad(c, h, start.high[13], start.low[13], total(start, POSITION), inertia.moments, held)
 
 
+def _begun_without(c: Numbers, h: float, inertia: Inertia, held: HeldWrench, start: PhaseState) -> None:
+    """As `_begun` where nothing acts but the held wrench, which has stages of its own."""
+
+
 def _grow_states(c: Numbers, h: float) -> None:
     m, sums, states = layout(c)
     _gain(c, h, _RESULT, MOST_STAGES)
@@ -195,15 +199,19 @@ class StatefulKernels(NamedTuple):
 
 
 @cache
-def stateful_kernels(method: Method) -> StatefulKernels | None:
-    """Return the kernels of `method` with wheels; None if it has none."""
+def stateful_kernels(method: Method, *, bare: bool = False) -> StatefulKernels | None:
+    """Return the kernels of `method` with wheels, `bare`: without, and without effects; None if it has none."""
     tableau = method.tableau
     if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > MOST_STAGES:
         return None
 
-    name = f"with_wheels_{method.name}"
-    step = specialise(_step_on_numbers, f"step_{name}", _step=method.step)
-    pair = None if method.pair is None else specialise(_pair_on_numbers, f"pair_{name}", _pair=method.pair)
+    name, begun = f"with_wheels_{method.name}", _begun
+    if bare:
+        name, begun = f"without_wheels_{method.name}", _begun_without
+    step = specialise(_step_on_numbers, f"step_{name}", _step=method.step, _begun=begun)
+    pair = None
+    if method.pair is not None:
+        pair = specialise(_pair_on_numbers, f"pair_{name}", _pair=method.pair, _begun=begun)
     return StatefulKernels(
         OnDemand(method.name, step, _SIGNATURE),
         None if pair is None else OnDemand(method.name, pair, _SIGNATURE),

@@ -36,7 +36,10 @@ def all_kernels() -> dict[str, OnDemand]:
     others = (
         each
         for m in methods
-        for each in (*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m), *_with_wheels(m))
+        for each in (
+            *(*_of(m), *_of(m, effects=True), *_while_gradual(m), *_side_by_side(m)),
+            *(*_with_wheels(m), *_with_wheels(m, bare=True)),
+        )
     )
     beside = (strides_beside(m, n) for m in methods for n in COUNTS)
     return usual_kernels() | _by_name(
@@ -53,8 +56,8 @@ def _while_gradual(method: Method) -> Iterable[OnDemand | None]:
     return gradual_kernel(method), strides_of(method, effects=True, gradual=True)
 
 
-def _with_wheels(method: Method) -> Iterable[OnDemand | None]:
-    kernels = stateful_kernels(method)
+def _with_wheels(method: Method, *, bare: bool = False) -> Iterable[OnDemand | None]:
+    kernels = stateful_kernels(method, bare=bare)
     return () if kernels is None else (kernels.step, kernels.pair)
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator import Actuator
-from rb_dynamics.loads.compiled_load import WIDTH, source_numbers, with_dipoles
+from rb_dynamics.loads.compiled_load import NO_EFFECTS, WIDTH, source_numbers, with_dipoles
 from rb_dynamics.loads.magnetorquer import Magnetorquer
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.thruster import Thruster
@@ -88,9 +88,9 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
     gradual = any(each.rise or each.fall for each in thrusters)
     if not actuators or lonely or others or gradual or not all(wheel.is_balanced for wheel in wheels):
         return None
-    numbers = effects.numbers(0.0)
-    if not wheels and (numbers is None or len(numbers) == 1):
-        # Steps under held wrenches alone are others.
+    numbers = _numbers(scene)
+    if not wheels and numbers == NO_EFFECTS and effects.takes > LoadDependence.HELD:
+        # Where no magnetorquer has a dipole, only the held wrench acts, whose steps are others.
         return None
     changing = bool(effects.knots() or effects.schedules()) or effects.storing() is not None
     if (
@@ -107,6 +107,11 @@ def shared_by_wheels(scene: Scene) -> Hashable | None:
 def actuators_of(scene: Scene) -> list[Actuator]:
     """Return the actuators that can be commanded here: wheels, magnetorquers, thrusters, each in the scene's order."""
     return [*scene.wheels, *_of_kind(scene, Magnetorquer), *_of_kind(scene, Thruster)]
+
+
+def _numbers(scene: Scene) -> tuple[float, ...] | None:
+    effects = scene.combined_effects
+    return NO_EFFECTS if effects.takes == LoadDependence.HELD else effects.numbers(0.0)
 
 
 def _of_kind(scene: Scene, kind: type[_Kind]) -> list[_Kind]:
@@ -126,7 +131,7 @@ def kernels_at_hand(scene: Scene) -> bool:
 def _kernels(solver: Solver, takes: LoadDependence) -> StatefulKernels | None:
     """Return the kernels of the method for such loads; None if it has none, or may use another method too."""
     method = _method(solver, takes)
-    kernels = None if method is None else stateful_kernels(method)
+    kernels = None if method is None else stateful_kernels(method, bare=takes == LoadDependence.HELD)
     if kernels is None or method is None:
         return None
     if solver.step is None:
@@ -143,6 +148,9 @@ def _side_by_side(scene: Scene) -> OnDemand | None:
 def _method(solver: Solver, takes: LoadDependence) -> Method | None:
     if solver.method != "auto":
         return METHODS.get(solver.method)
+    if takes == LoadDependence.HELD:
+        # It also takes the closed form.
+        return None
     names = CANDIDATES[takes]
     return METHODS[names[0]] if len(names) == 1 or solver.step is not None else None
 
@@ -514,7 +522,7 @@ def _beginning(
     import numpy as np
 
     first, bodies = scenes[0], [scene.body for scene in scenes]
-    effects: list[tuple[float, ...]] = [scene.combined_effects.numbers(0.0) or () for scene in scenes]
+    effects: list[tuple[float, ...]] = [_numbers(scene) or () for scene in scenes]
     wheels = WheelSet(first.wheels, first.body).now
     # Functions of numbers take columns, too: one number of each body.
     columns: Any = np.array([(b.mass, *b.principal_moments, *b.principal_orientation_xyzw) for b in bodies]).T

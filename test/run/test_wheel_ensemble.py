@@ -235,7 +235,15 @@ def with_thrusters(scene: Scene, number: int) -> Scene:
 
 @pytest.mark.parametrize(
     ("name", "wheels"),
-    [("auto", 3), ("dop853 with a step", 3), ("dverk", 3), ("dverk", 0), ("auto with a step", 0)],
+    [
+        ("auto", 3),
+        ("dop853 with a step", 3),
+        ("dverk", 3),
+        ("dverk", 0),
+        ("auto with a step", 0),
+        ("dop853 without effects", 0),
+        ("dop853 with a step without effects", 0),
+    ],
 )
 def test_bodies_with_thrusters_have_the_bits_of_themselves_alone(
     monkeypatch: pytest.MonkeyPatch, name: str, wheels: int
@@ -244,7 +252,8 @@ def test_bodies_with_thrusters_have_the_bits_of_themselves_alone(
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = []
     for number in range(LANES + 2):
-        scene = satellite(number, SOLVERS[name], "torque")
+        scene = satellite(number, SOLVERS[name.removesuffix(" without effects")], "torque")
+        scene = replace(scene, effects=() if "without" in name else scene.effects)
         scenes.append(with_thrusters(replace(scene, actuators=scene.actuators[:wheels]), number))
     draw = random.Random(name)
     times = sorted({*(500_000_000 * k for k in range(21)), *(draw.randrange(10 * NANOSECONDS) for _ in range(5))})
@@ -388,6 +397,14 @@ def test_only_what_kernels_know_is_in_an_ensemble() -> None:
     scene = satellite(1, SOLVERS["auto"], "torque")
     assert shared_by_wheels(scene) == shared_by_wheels(satellite(2, SOLVERS["auto"], "torque"))
     assert shared_by_wheels(replace(scene, actuators=())) is None
+    jets, bare = with_thrusters(scene, 1), with_thrusters(replace(scene, actuators=()), 1)
+    assert None is not shared_by_wheels(jets) != shared_by_wheels(scene)
+    slow = replace(jets.actuators[0], rise=0.01)
+    assert shared_by_wheels(replace(jets, actuators=(slow, *jets.actuators[1:]))) is None
+    # Without wheels, `auto` has several methods, and under held wrenches the closed form.
+    assert shared_by_wheels(bare) is None
+    assert shared_by_wheels(replace(bare, solver=Solver("auto", step=0.1, accuracy=None), effects=())) is None
+    assert None is not shared_by_wheels(replace(bare, solver=Solver("dop853", accuracy=1e-6), effects=()))
     assert shared_by_wheels(replace(scene, solver=Solver("radau", accuracy=1e-6))) is None
     assert shared_by_wheels(replace(scene, solver=Solver("dop853", step=1.0 / 3.0, accuracy=None))) is None
     field = replace(scene, effects=(MagneticField("uniform", (1e-5, 0.0, 0.0)),))
