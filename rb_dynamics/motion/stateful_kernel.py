@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -205,9 +205,8 @@ def stateful_kernels(method: Method, *, bare: bool = False) -> StatefulKernels |
     if tableau is None or not (method.compiles and method.compiles_loads) or len(tableau.rows) > MOST_STAGES:
         return None
 
-    name, begun = f"with_wheels_{method.name}", _begun
-    if bare:
-        name, begun = f"without_wheels_{method.name}", _begun_without
+    name = f"without_wheels_{method.name}" if bare else f"with_wheels_{method.name}"
+    begun: Callable[..., Any] = _begun_without if bare else _begun
     step = specialise(_step_on_numbers, f"step_{name}", _step=method.step, _begun=begun)
     pair = None
     if method.pair is not None:
