@@ -575,6 +575,11 @@ class _TrackReader:
                 f"the next of its topic{self._as_in_scene(channels)}."
             )
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
+        self.notes += (
+            f"{topic}: {self.bag.unset[topic]} of {self.bag.topics[topic].count} commands have no stamp: each of these "
+            "acts when it was recorded."
+            for topic in sorted({*chosen} & {*self.bag.unset})
+        )
         steps = tuple(
             _steps(self.bag, topic, frames, channels.get(topic), self._line(topic), self.notes)
             for topic in sorted(chosen)

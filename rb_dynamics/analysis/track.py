@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag
 from rb_dynamics.logs.messages import is_state_change
 from rb_dynamics.logs.own_log import logged_scene
-from rb_dynamics.logs.stamp_order import Disorder, hangs, standing
+from rb_dynamics.logs.stamp_order import BACK_NS, Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
@@ -172,6 +172,9 @@ class RecordedWrench:
         count = len(self.time_ns) + len(self.far_ns)
         told = [_far(self.far_ns, count, start_ns)] if self.far_ns else []
         told += [_far(self.moved_ns, count, start_ns, "taken at the log time instead")] if self.moved_ns else []
+        back = self.disorder
+        if back is not None and back.most_ns > BACK_NS and not back.restarts:
+            told.append(f"{back.told(start_ns)}; of some, when they acted is doubtful")
         return told + ([f"{self.standing}: when each wrench acted is not known"] if self.standing else [])
 
     def accepted(self) -> RecordedWrench:

@@ -151,6 +151,13 @@ class Topic:
         self._taken()
         return self.log_times if self._stamps is None else self._stamps.view("i8")
 
+    def stamp(self, rows: NDArray[np.bool_], stamps: Times) -> None:
+        """Give these of its messages other `stamps` (ns), one for each."""
+        every = self.stamps.copy()
+        every[rows] = stamps
+        self._stamps = GrowingArray()
+        self._stamps.add(every)
+
     @property
     def stamps_given(self) -> bool:
         """Whether its messages have a header, and one of them a time in it."""

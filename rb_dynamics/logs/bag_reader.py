@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,24 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import message_types as types
 from rb_dynamics.formats.bag_source import FileBoundary, SplitBag, open_source
 from rb_dynamics.formats.channel_metadata import QOS
-from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, RUN, TOPICS, loss, next_file
+from rb_dynamics.formats.log_metadata import (
+    DAMAGED,
+    INTERRUPTED,
+    MISSING_FILES,
+    RESULT,
+    RUN,
+    TOPICS,
+    in_simulation_time,
+    loss,
+    next_file,
+)
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types
+from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
+from rb_dynamics.logs.unset_stamps import UnsetStamps, unset
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
 # In the order in which they are preferred.
@@ -56,6 +68,8 @@ class Bag:
         cut_ns: first and last log time of the part that was taken out of what was recorded, without what is held from
             before; None: this is the whole.
         zero_ns: from when times of such a part count, as those of the whole do; None: from the start of the motion.
+        unset: how many commands on a topic had a stamp of 0 that nobody set beside others: their stamps here are their
+            log times, put on the clock of the stamps.
 
     Each pair of frames on a topic of TFMessage is a topic of its own too, named "/tf PARENT:CHILD", of
     TransformStamped; but not in a log of this package, where /tf says what the pose says.
@@ -71,6 +85,7 @@ class Bag:
     pairs: set[str] = field(default_factory=set)
     cut_ns: tuple[int, int] | None = None
     zero_ns: int | None = None
+    unset: dict[str, int] = field(default_factory=dict)
 
     @property
     def ended(self) -> bool:
@@ -189,10 +204,36 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
         for name in bag.pairs:
             del bag.topics[name]
         bag.pairs.clear()
+    if not in_simulation_time(file.metadata):
+        _stamp_commands(bag)
     bag.whole = file.complete
     bag.boundaries = tuple(file.boundaries) if isinstance(file, SplitBag) else ()
     bag.complete = not loss(file.complete, file.metadata)
     return bag
+
+
+def _stamp_commands(bag: Bag) -> None:
+    """Give commands of which nobody set the stamp, beside others, that of when they were recorded."""
+    for topic in bag.topics.values():
+        if topic.type_name != types.WRENCH or not topic.count or not topic.stamps_given:
+            continue
+        found = UnsetStamps()
+        found.add(topic.log_times, topic.stamps)
+        rows = unset(topic.log_times, topic.stamps, found.after_ns)
+        if rows.any():
+            bag.unset[topic.name] = int(rows.sum())
+            topic.stamp(rows, _line_of(bag, topic).stamps(topic.log_times[rows]))
+
+
+def _line_of(bag: Bag, commands: Topic) -> ClockLine:
+    """Return how log times of commands follow their stamps: as those of the motion do, unless its clock is another."""
+    own = StampClock.of(commands.log_times, commands.stamps).line
+    moving = [each for each in bag.topics.values() if each.type_name in {*POSES, *TWISTS, *IMUS} and each.count]
+    lines = [StampClock.of(each.log_times, each.stamps).line for each in moving if each.stamps_given]
+    of_motion = min(lines, key=lambda each: abs(each.behind_ns), default=own)
+    apart_ns = own.behind_ns - int(of_motion.behind(np.array(own.begin_ns)))
+    line = of_motion if abs(apart_ns) <= APART_NS else own
+    return replace(line, behind_ns=0) if line.one_clock else line
 
 
 def named_type(channel: McapChannel) -> str:

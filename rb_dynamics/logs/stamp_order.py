@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
 
+BACK_NS = 1_000_000_000
+"""Stamps of one topic that go back by more are those of another run, or another clock; ns."""
+
 # Fewer messages than this in a row are not a run of their own.
 _RUN = 3
 # Messages are often late if one of so many is, and another run goes back by this many times their usual lateness.

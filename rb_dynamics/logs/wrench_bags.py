@@ -29,12 +29,14 @@ from rb_dynamics.loads.actuator import COMMAND, Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch
+from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, named_type
 from rb_dynamics.logs.messages import APPLIED, decode_setpoint, is_state_change
 from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
-from rb_dynamics.logs.stamp_order import disorder
+from rb_dynamics.logs.stamp_order import BACK_NS, disorder
 from rb_dynamics.logs.topics_of_channels import names_in_scene
+from rb_dynamics.logs.unset_stamps import ALWAYS, FAR_NS, UnsetStamps, unset
 
 _logger = logging.getLogger(__name__)
 
@@ -57,15 +59,13 @@ _LATENCY_NS = _NANOSECONDS
 # Every command is recorded later than its stamp by more than APART_NS, or before it, only if these are of two clocks;
 # then the mean is about the same, of which a link that delivers in bursts leaves more than this part of it.
 _UNEVEN = 0.25
-# Stamps of one topic that go back by more are those of another run, or another clock.
-_BACK_NS = _NANOSECONDS
 # Of a file written in order, few log times are before the one above: those where the clock begins again.
 _SORTED = 0.05
 
 FEW = 1000
 """Number of commands on a channel that tell how often it is commanded."""
 # Commands that begin later than this after the end of the run are of another clock than those within it.
-_ONE_CLOCK_NS = 1_000_000 * _NANOSECONDS
+_ONE_CLOCK_NS = FAR_NS
 
 
 def read_wrenches(
@@ -130,7 +130,9 @@ class _Recording:
         sum_ns: that of each of them, summed.
         stamped: how many these are.
         unset_ns: the same as `behind_ns`, of those whose stamp is 0; None without any.
-        fills: commands whose stamp is 0 go by their log times, put on the clock of the others.
+        zeros: which commands on each topic have a stamp of 0.
+        fills: topics of which commands without a stamp go by their log times, put on the clock of the others, and the
+            log time after which a stamp of 0 is none.
         still: commands that have the stamp of the one before on their channel, and so never act.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
@@ -168,7 +170,8 @@ class _Recording:
     sum_ns: float = 0.0
     stamped: int = 0
     unset_ns: int | None = None
-    fills: bool = False
+    zeros: dict[str, UnsetStamps] = field(default_factory=dict)
+    fills: Mapping[str, int] = field(default_factory=dict)
     still: int = 0
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
@@ -242,14 +245,16 @@ class _Recording:
     @property
     def times_unstamped(self) -> bool:
         """Whether the clock of the log times matters to its commands."""
-        return not self.ours and (self.setpoints.first_ns is not None or self.by_log or self.fills)
+        return not self.ours and (self.setpoints.first_ns is not None or self.by_log or bool(self.fills))
 
     @property
-    def partly_unset(self) -> bool:
-        """Whether some commands have a stamp of 0 only because nobody set it: the others are of another time."""
+    def partly_unset(self) -> dict[str, int]:
+        """The `fills` that its commands need: some have a stamp, and some a stamp of 0 only because nobody set it."""
         if self.ours or self.behind_ns is None or self.unset_ns is None:
-            return False
-        return abs(self.unset_ns - self.behind_ns) > _ONE_CLOCK_NS
+            return {}
+        far = abs(self.unset_ns - self.behind_ns) > _ONE_CLOCK_NS
+        after_ns = {name: ALWAYS if far else each.after_ns for name, each in self.zeros.items()}
+        return {name: at for name, at in after_ns.items() if at is not None}
 
     @property
     def start_ns(self) -> int:
@@ -281,8 +286,15 @@ class _Recording:
             if kind in KEPT:
                 self.moves_ns = _first(self.moves_ns, int(stamps.min()))
 
-    def goes_on(self, channel: int, stamps_ns: Times) -> None:
-        """Take further stamps of a channel."""
+    def goes_on(self, of: McapChannel, batch: _Batch) -> None:
+        """Take the times of further commands of a channel."""
+        channel, stamps_ns, bare = id(of), batch.stamps, batch.log_times
+        if named_type(of) == WRENCH:
+            self.zeros.setdefault(of.topic, UnsetStamps()).add(batch.log_times, stamps_ns)
+            bare = bare[batch.unset]
+        else:
+            self.bare += len(bare)
+        self.bare_times.setdefault(of.topic, []).append(bare)
         changes = np.diff(np.append(self.newest.get(channel, stamps_ns[0] - 1), stamps_ns))
         self.still += int((changes == 0).sum())
         self.back_ns = max(self.back_ns, int(-changes.min()))
@@ -359,18 +371,17 @@ class RecordedWrenches:
         if in_namespace:
             self._take({**self._mapping, **in_namespace})
             self._bags = [self._looked_through(bag) for bag in self._bags]
-        self._bags = [self._looked_through(replace(bag, fills=True)) if bag.partly_unset else bag for bag in self._bags]
+        self._bags = [
+            self._looked_through(replace(bag, fills=found)) if (found := bag.partly_unset) else bag
+            for bag in self._bags
+        ]
         self._require_topics()
         for bag in self._bags:
             bag.by_log = bag.bare == bag.count > 0
             beside = [each for each in self._bags if each.count and _pause_ns(bag, each) < _ONE_CLOCK_NS]
             if beside and not bag.count:
                 bag.beside = min(beside, key=lambda each: _pause_ns(bag, each)).line
-        self.notes: list[str] = [
-            f"{bag.path}: some of its commands have no stamps: each of these acts when it was recorded"
-            for bag in self._bags
-            if bag.fills
-        ]
+        self.notes: list[str] = [unset_stamps.told(bag.path) for bag in self._bags if bag.fills]
         self.notes += (f"{topic} is taken for {name} of the scene" for topic, name in in_namespace.items())
         if start != "stamp":
             self._begin(start)
@@ -385,7 +396,7 @@ class RecordedWrenches:
             self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
         ]
         for bag in self._bags:
-            if bag.back_ns > _BACK_NS and not bag.by_log:
+            if bag.back_ns > BACK_NS and not bag.by_log:
                 self._require_one_run(bag)
                 self.notes.append(
                     f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was "
@@ -591,10 +602,7 @@ class RecordedWrenches:
                 if (topic := self._wanted.get(name.removeprefix("/"))) is not None:
                     batch = _batch(source, bag, block, kind, self._topics.index(topic))
                     self._count(bag, batch)
-                    bag.bare += len(batch.stamps) * (kind != WRENCH)
-                    bare = slice(None) if kind != WRENCH else batch.stamps == 0
-                    bag.bare_times.setdefault(name, []).append(batch.log_times[bare])
-                    bag.goes_on(id(block.channel), batch.stamps)
+                    bag.goes_on(block.channel, batch)
         for channel in source.channels.values():
             name, kind = channel.topic.removeprefix("/"), named_type(channel)
             wrench = kind in WRENCHES and name not in self._wanted and not name.endswith(APPLIED)
@@ -788,6 +796,7 @@ class _Batch(NamedTuple):
     """Commands of one block, with the times by both clocks."""
 
     stamps: Times
+    unset: NDArray[np.bool_]
     log_times: Times
     commands: CommandBatch
 
@@ -808,12 +817,15 @@ def _batch(
         _require_whole(source, block, kind)
         raise
     times = bag.line.stamps(topic.log_times) if bag.by_log else stamps
-    if bag.fills and not bag.by_log:
-        times = np.where(stamps == 0, bag.line.stamps(topic.log_times), stamps)
+    bare = stamps == 0
+    if bag.fills:
+        bare = unset(topic.log_times, stamps, bag.fills.get(block.channel.topic))
+        stamps = np.where(bare, bag.line.stamps(topic.log_times), stamps)
+        times = times if bag.by_log else stamps
     time_ns, (number, chunk) = times - bag.offset_ns, place
     arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
     commands = commands_of(topic, block, channel, time_ns, time_ns, arrival)
-    return _Batch(times if bag.fills else stamps, topic.log_times, commands)
+    return _Batch(stamps, bare, topic.log_times, commands)
 
 
 def _stamped(block: MessageBlock, kind: str) -> tuple[Times, Times]:

@@ -23,6 +23,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import WrenchChannels
+from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import APPLIED
@@ -195,6 +196,7 @@ class _Flights:
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
+        self.notes += [unset_stamps.told(bag.path)] * bool(bag.unset)
         self.notes += [f"{bag.path}: {each}." for each in losses(track)]
         motion = [each.topic for each in track.motion] if self._one_bag else []
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
@@ -224,7 +226,8 @@ class _Flights:
                 result = simulate(scene, commands, [McapSink(log)], facts=commands.facts)
                 start = _start_of(commands)
                 self.offset_ns = start if place == 0 else -start
-                self.notes += [*commands.notes, *[commands.superseded_words] * bool(commands.superseded)]
+                new = [note for note in commands.notes if note not in self.notes]
+                self.notes += [*new, *[commands.superseded_words] * bool(commands.superseded)]
                 if result.rejected:
                     self.notes.append(
                         f"{len(result.rejected)} of {len(commands)} commands were rejected; the first: "

@@ -22,6 +22,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, Tim
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
 from rb_dynamics.loads.wrench_channels import Channel
+from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -551,6 +552,8 @@ def acting_elsewhere(
         found = read_track(bag, scene, choice)
         if lost := loss(bag.complete, bag.metadata):
             notes.append(f"{other} {lost}")
+        if bag.unset:
+            notes.append(unset_stamps.told(other))
         if not found.wrenches:
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
         channels += _channels(found, scene, zero, end_ns, path, notes)
