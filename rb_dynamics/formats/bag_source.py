@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol, TypeAlias, TypeVar
 
 from rb_dynamics.errors import LogError, SceneError, needing
-from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
+from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
 from rb_dynamics.formats.mcap_records import (
     MAX_RECORD_BYTES,
     McapChannel,
@@ -84,7 +84,7 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
     if files and (not there or any(file.exists() for file in files)):
         _require_named(path, files, there)
-        return SplitBag(path, files, mode, on_fact)
+        return SplitBag(path, [file for file in files if file.exists()], mode, on_fact, _absent_before(files))
     if files:
         raise LogError(
             f"{path} has none of the files that its {METADATA_FILE} names ({files[0].name}), but {there[0]}: it was "
@@ -94,6 +94,18 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     raise LogError(
         f"{path} holds no bag: expected {METADATA_FILE} or .mcap files in it, as `ros2 bag record` leaves them{itself}"
     )
+
+
+def _absent_before(files: Sequence[Path]) -> dict[Path | None, list[str]]:
+    """Return the names of those that are not there, by the next one that is; None behind the last."""
+    absent: dict[Path | None, list[str]] = {}
+    lacking: list[str] = []
+    for file in (*files, None):
+        if file is not None and not file.exists():
+            lacking.append(file.name)
+        elif lacking:
+            absent[file], lacking = lacking, []
+    return absent
 
 
 def _require_named(path: Path, files: Sequence[Path], there: Sequence[str]) -> None:
@@ -127,6 +139,8 @@ class SplitBag:
     Attributes:
         path: the folder.
         files: in their order.
+        absent: names of files that the metadata name and that are not there, each by the file that follows; by None
+            those after the last.
         compression: "none", "file" (each as a whole) or "message" (each message).
         on_fact: as in `McapFile`.
         boundaries: where one file ends and the next begins, where nothing is known to be missing between them.
@@ -136,6 +150,7 @@ class SplitBag:
     files: list[Path]
     compression: str = "none"
     on_fact: OnFact | None = None
+    absent: Mapping[Path | None, list[str]] = field(default_factory=dict)
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -171,8 +186,11 @@ class SplitBag:
                 yield from read(file)
             complete = complete and file.complete
             lost = self.metadata.get(INTERRUPTED, {})
-            if before is not None:
-                absent = self._absent(before, file)
+            absent = self.absent.get(path, [])
+            if before is None and absent:
+                lost = {**lost, "reason": DAMAGED, MISSING_FILES: ", ".join(absent)}
+            elif before is not None:
+                absent = absent or self._absent(before, file)
                 lost = _between(before, file, lost, absent)
                 self.boundaries += [] if absent else _boundary(before, file)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
@@ -181,6 +199,9 @@ class SplitBag:
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
             before = file
+        if (absent := self.absent.get(None, [])) and not next_file(self.metadata):
+            lost = _joined(self.metadata.get(INTERRUPTED, {}), {MISSING_FILES: ", ".join(absent)})
+            self.metadata[INTERRUPTED] = {**lost, "reason": CUT_OFF}
         self.complete = complete
 
     def _absent(self, before: _File, after: _File) -> list[str]:

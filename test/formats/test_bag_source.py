@@ -6,6 +6,7 @@ import contextlib
 import re
 import shutil
 import sqlite3
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile
+from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
@@ -329,6 +331,30 @@ def test_two_recordings_in_one_folder_are_told_apart(
     (boundary,) = bag.boundaries
     assert (boundary.begin_ns - boundary.end_ns) // 10**12 == 99
     assert not one_recording(read_track(bag)).passed
+
+
+@pytest.mark.parametrize(("lost", "holes", "ended"), [((1,), 1, True), ((0,), 0, True), ((1, 2), 0, False)])
+def test_of_files_that_the_metadata_name_those_that_are_there_are_read(
+    tmp_path: Path, lost: tuple[int, ...], holes: int, ended: bool
+) -> None:
+    """One missing file was an error of every command: nothing of the others could be read."""
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    facts = []
+    for number in range(3):
+        start = 10**18 + number * 10**9
+        (file,) = record(tmp_path / str(number), StoragePlugin.MCAP, start_ns=start).glob("*.mcap")
+        file.rename(folder / f"bag_{number}.mcap")
+        facts.append(BagFile(f"bag_{number}.mcap", start, start + 1, Counter({"/wrench": 20})))
+    write_metadata(folder, [], facts)
+    whole = read_bag(folder)
+    assert whole.complete
+    for number in lost:
+        (folder / f"bag_{number}.mcap").unlink()
+    bag = read_bag(folder)
+    assert bag.topics["/wrench"].count * 3 == whole.topics["/wrench"].count * (3 - len(lost))
+    assert bag.missing_files == [f"bag_{number}.mcap" for number in lost]
+    assert (bag.complete, bag.ended, len(bag.missing)) == (False, ended, holes)
 
 
 def test_a_number_that_is_skipped_in_the_names_of_files_is_a_missing_file(
