@@ -124,7 +124,16 @@ class Copy:
         writer.begin()
 
     def add(self, message: Message) -> None:
-        """Copy one message."""
+        """Copy one message.
+
+        Raises:
+            LogError: it was logged before time 0, as SQLite allows.
+        """
+        if message.log_time < 0:
+            raise LogError(
+                f"a message on {message.channel.topic} has the log time {message.log_time} ns, expected 0 or more, as "
+                "MCAP has no earlier times; leave it out with --from SECONDS, counted from the start of the motion"
+            )
         channel = self._declared(message.channel)
         self._writer.add_messages((channel,), (message.data,), message.log_time, message.publish_time)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -75,4 +77,10 @@ def test_what_cannot_be_merged_is_one_error(tmp_path: Path) -> None:
         merge([one, plain], tmp_path / "out.mcap", ALL)
     with pytest.raises(LogError, match="found no message to write"):
         merge([one], tmp_path / "out.mcap", (100 * SECOND, 200 * SECOND))
+    early = write_bag(tmp_path / "early", wrenches("/a", range(5)), True)
+    (database,) = early.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(database)) as changed, changed:
+        changed.execute("UPDATE messages SET timestamp = -5 WHERE id = 1")
+    with pytest.raises(LogError, match=r"/a has the log time -5 ns, expected 0 or more, as MCAP has no earlier times"):
+        merge([early], tmp_path / "out.mcap", ALL)
     assert not (tmp_path / "out.mcap").exists()
