@@ -337,16 +337,19 @@ class _TrackReader:
             return None
         found = self._read(use, topic, lambda _: (times, measured))
         values = np.full((len(found.time_ns), width), np.nan)
-        mounting = self._mounting(topic, found.frame)
+        mounting, body = self._mounting(topic, found.frame)
         if use == "pose":
             values[:, places] = product(found.values, mounting * np.array([-1.0, -1.0, -1.0, 1.0]))
         else:
             values[:, places] = rotate_all(mounting, found.values)
         # The frame is that of the sensor, not the one in which its attitude is.
-        return replace(found, values=values, frame="" if use == "pose" else found.frame)
+        return replace(found, values=values, frame="" if use == "pose" else found.frame, turned_to=body)
 
-    def _mounting(self, topic: str, frame: str) -> Array:
-        """Return the rotation from the axes of an IMU to those of the body, as scene or /tf_static says."""
+    def _mounting(self, topic: str, frame: str) -> tuple[Array, str]:
+        """Return the rotation from the axes of an IMU to those of the body, as scene or /tf_static says, and its frame.
+
+        The frame is "" where nothing says so.
+        """
         found, note = self._mount(frame), ""
         if found is not None:
             note = f"The axes of {topic} ({frame}) are turned to those of {found.body}, as {found.source} says."
@@ -356,7 +359,7 @@ class _TrackReader:
                 "mounted."
             )
         self._note_once(note)
-        return np.array([0.0, 0.0, 0.0, 1.0]) if found is None else found.turn
+        return (np.array([0.0, 0.0, 0.0, 1.0]), "") if found is None else (found.turn, self._named_body(found))
 
     def _mount(self, frame: str) -> _Mount | None:
         """Return how a frame is fixed to that of the body; None if it is the body's, or nothing says so."""
@@ -396,8 +399,11 @@ class _TrackReader:
             "how the two are fixed to each other."
         )
         self._note_once(note)
-        named = mount.body if mount.source != "the scene" else self._body_frame()
-        return replace(series, values=values, frame=series.frame if use == "pose" else named)
+        return replace(series, values=values, frame=series.frame if use == "pose" else self._named_body(mount))
+
+    def _named_body(self, mount: _Mount) -> str:
+        """Return the name of the frame of the body to which something is fixed."""
+        return mount.body if mount.source != "the scene" else self._body_frame()
 
     def _note_unknown_mount(self, frame: str) -> None:
         """Note that a frame is taken for the body's although a scene names another, and /tf_static knows of more."""

@@ -653,7 +653,7 @@ def _frames(a: Track, b: Track) -> list[str]:
             "frame, which nothing in the recordings says."
         )
     if a.twist and b.twist and not (a.twist_in_world or b.twist_in_world):
-        frames = [each.frame.lstrip("/") for each in (a.twist, b.twist)]
+        frames = [(each.turned_to or each.frame).lstrip("/") for each in (a.twist, b.twist)]
         if "" not in frames and frames[0] != frames[1]:
             said = "which nothing in the recordings says"
             for track in (a, b):

@@ -63,6 +63,7 @@ class TimeSeries:
         strays: number of messages left out because they are of other frames, by these, as in "map:base_link".
         far_ns: stamps that are left out because they are far from all the others.
         spikes: of which the values are those between the samples about them.
+        turned_to: the frame of the body to whose axes the values of a sensor are turned; "" if they are in `frame`.
     """
 
     topic: str
@@ -74,6 +75,7 @@ class TimeSeries:
     strays: Mapping[str, int] = field(default_factory=dict)
     far_ns: tuple[int, ...] = ()
     spikes: tuple[Spikes, ...] = ()
+    turned_to: str = ""
 
     @property
     def partial(self) -> bool:

@@ -355,6 +355,19 @@ def test_samples_that_are_recorded_twice_are_counted() -> None:
     assert f"{2 * COUNT} samples, of which {COUNT} repeat the one before, with its time" in whole
 
 
+def test_compare_takes_the_rates_of_an_imu_that_are_turned_for_those_of_the_body(tmp_path: Path) -> None:
+    """They were said to be of its frame, with the advice to give the scene that was given."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    mounted = transforms([transform(0, "base", "imu_link", [*PLACE, *FIXED.as_quat()])])
+    twists = rows_of("/twist", "geometry_msgs/msg/TwistStamped", stamped("TwistStamped", TWISTS, twist, "base"))
+    one = write_bag(tmp_path / "one", sorted([*VICON, *twists], key=lambda row: row[2]))
+    for name, fixed, noted in (("two", [("/tf_static", TF, 0, mounted)], 0), ("three", [], 1)):
+        rows = sorted([*VICON, *fixed, *imu_rows((False, True, True))], key=lambda row: row[2])
+        notes = compare(one, write_bag(tmp_path / name, rows), scene=scene).notes
+        assert len([each for each in notes if "one body frame" in each]) == noted
+
+
 def test_compare_says_where_a_bag_says_how_its_frame_is_fixed_to_the_other(tmp_path: Path) -> None:
     plain = [
         *VICON,
