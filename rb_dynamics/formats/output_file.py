@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -204,16 +205,23 @@ def is_log(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix in (".mcap", ".db3") or Path(path).is_dir()
 
 
+def foreign_files(folder: Path) -> list[str]:
+    """Return the names of what is in a folder and no part of a bag of its name."""
+    own = re.compile(rf"{re.escape(folder.name)}_\d+\.mcap|metadata\.yaml")
+    return [name for name in sorted(each.name for each in folder.iterdir()) if not own.fullmatch(name)]
+
+
 def move_aside(path: Path) -> Path | None:
     """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
 
-    Returns its new name; None if there is nothing to keep. A folder that is not a bag stays where it is.
+    Returns its new name; None if there is nothing to keep. A folder that is not a bag, or holds other files too, stays
+    where it is.
 
     Raises:
         LogError: it cannot be renamed.
     """
     if path.is_dir():
-        if not any(path.glob("*.mcap")):
+        if foreign_files(path) or not any(path.glob("*.mcap")):
             return None
         stem, suffix = path.name, ""
     elif path.is_file():

@@ -176,6 +176,7 @@ def read_settings(node: Node, shared: Collection[str] = ()) -> Settings:
             number("max_bag_duration", values["max_bag_duration"]),
             LogSettings(number("flush", values["flush"]), flags["verify"], flags["publish_accel"]),
             _texts("sink", values["sink"]),
+            [path],
         ),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.output_file import require_apart
+from rb_dynamics.formats.output_file import require_apart, require_other
 from rb_dynamics.sinks.mcap_sink import LogSettings
 from rb_dynamics.sinks.sink_types import SinkOptions, sinks
 
@@ -27,6 +27,7 @@ class LogOptions:
         max_bag_duration: s of simulation time in one file of a bag; 0: no bound.
         settings: how MCAP is kept.
         named: further sinks, such as those of plug-ins, as NAME=TARGET.
+        reads: files that the run reads, which no log may replace.
     """
 
     mcap: str = ""
@@ -36,6 +37,7 @@ class LogOptions:
     max_bag_duration: float = 0.0
     settings: LogSettings = field(default_factory=LogSettings)
     named: Sequence[str] = ()
+    reads: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Check that they go together.
@@ -51,7 +53,10 @@ class LogOptions:
                 "found max-bag-size or max-bag-duration without bag, expected a folder to split; give a bag instead of "
                 "mcap"
             )
-        require_apart(filter(None, (text.partition("=")[2] for text in self._asked)))
+        targets = [*filter(None, (text.partition("=")[2] for text in self._asked))]
+        require_apart(targets)
+        for target in targets:
+            require_other(target, *self.reads)
 
     @property
     def names(self) -> list[str]:

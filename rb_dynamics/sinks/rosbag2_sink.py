@@ -7,7 +7,6 @@ next, so that the last one is that of the whole run.
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import CONTINUES_IN
 from rb_dynamics.formats.mcap_records import McapChannel
+from rb_dynamics.formats.output_file import foreign_files
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
 from rb_dynamics.run.sink import Epoch, Event, RunInfo, Sample
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
@@ -139,12 +139,9 @@ class BagSink:
             return []
         if not self.path.is_dir():
             raise LogError(f"cannot write {self.path}: it is a file, expected a folder for a bag; give another name")
-        found = sorted(self.path.iterdir())
-        own = re.compile(rf"{re.escape(self.path.name)}_\d+\.mcap|{re.escape(METADATA_FILE)}")
-        foreign = [file.name for file in found if not own.fullmatch(file.name)]
-        if foreign:
+        if foreign := foreign_files(self.path):
             raise LogError(
                 f"{self.path} holds {', '.join(foreign[:5])}, expected a new or empty folder or an earlier bag of that "
                 "name; give another name"
             )
-        return found
+        return sorted(self.path.iterdir())

@@ -56,6 +56,9 @@ def test_the_folder_of_a_bag_is_kept_and_any_other_left_alone(tmp_path: Path) ->
     (bag / "notes.txt").write_text("mine")
     assert move_aside(bag) is None
     (bag / "flight.v2_0.mcap").write_text("a bag")
+    # It would be moved with the rest.
+    assert move_aside(bag) is None
+    (bag / "notes.txt").unlink()
     assert move_aside(bag) == tmp_path / "flight.v2.1"
     assert not bag.exists()
 

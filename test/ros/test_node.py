@@ -397,6 +397,23 @@ def test_a_later_node_keeps_the_logs_of_the_earlier_one(scene: Path, tmp_path: P
     assert newest.topics["/accel"].count == newest.topics["/tf"].count == newest.topics["/pose"].count
 
 
+def test_no_log_replaces_the_scene_or_a_folder_of_other_files(scene: Path, tmp_path: Path) -> None:
+    """The scene was moved aside, and so was the whole folder."""
+    text = scene.read_text()
+    node = NodeProcess(scene, mcap=scene)
+    assert node.wait() != 0
+    assert f"cannot write {scene}: it is, or holds, what is read" in node.err
+    assert scene.read_text() == text
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    for name in ("flight_0.mcap", "notes.txt"):
+        (folder / name).write_text(name)
+    node = NodeProcess(scene, bag=folder, real_time_factor=0, duration=0.5)
+    node.wait()
+    assert f"{folder} holds notes.txt, expected a new or empty folder" in node.err
+    assert sorted(each.name for each in folder.iterdir()) == ["flight_0.mcap", "notes.txt"]
+
+
 def test_the_sink_of_a_plug_in_is_told_the_run(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What pip would install.
     facts = tmp_path / "rb_dynamics_example-0.1.0.dist-info"
