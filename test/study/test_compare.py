@@ -419,6 +419,12 @@ def test_two_topics_of_one_bag(log: Path, folder: Path, capsys: pytest.CaptureFi
         main([*line, "--pose-topic", "/pose"])
     assert stopped.value.code == 2
     assert main([*line[:-1], "/none"]) == 2
+    # A topic and frames, in either order: of A and of B.
+    line[3:] = ["--frames", "world:body", "--pose-topic", "/vicon/pose", "--json"]
+    capsys.readouterr()
+    for order in (line, [*line[:3], *line[5:7], *line[3:5], "--json"]):
+        assert main(order) == 0
+        assert json.loads(capsys.readouterr().out)["position"]["max"] == pytest.approx(0.5, abs=1e-12)
 
 
 def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, folder: Path) -> None:
