@@ -86,8 +86,9 @@ def _tile(label: str, value: float, error: float | None, unit: str) -> Tile:
 def _unknown(found: Identification) -> list[Section]:
     told = [*(f"Not determined by these recordings: {each}." for each in found.unknown_combinations)]
     told += [f"What would determine it: {each}." for each in found.advice]
-    told += [f"{note.removesuffix('.')}." for note in found.notes]
-    return [Section("What these recordings do not determine", "\n\n".join(told))] if told else []
+    notes = [f"{note.removesuffix('.')}." for note in found.notes]
+    headed = (("What these recordings do not determine", told), ("Notes", notes))
+    return [Section(heading, "\n\n".join(each)) for heading, each in headed if each]
 
 
 def _parameters(found: Identification) -> Table:
@@ -97,9 +98,17 @@ def _parameters(found: Identification) -> Table:
             rows.append([each.name, f"not determined (kept: {each.value:.6g})", "", "", each.unit])
         else:
             low, high = each.interval
-            error, interval = f"{each.standard_error:.2g}", f"{low:.7g} … {high:.7g}"
-            rows.append([each.name, f"{each.value:.7g}", error, interval, each.unit])
+            digits = _digits(each.value, high - low)
+            value, *interval = (f"{number:.{digits}g}" for number in (each.value, low, high))
+            rows.append([each.name, value, f"{each.standard_error:.2g}", " … ".join(interval), each.unit])
     return Table(["", "value", "± s.e.", "95 % interval", "unit"], rows)
+
+
+def _digits(value: float, width: float) -> int:
+    """Return how many digits show a value to a hundredth of the width of its interval: 7 or more."""
+    if not value or not width:
+        return 7
+    return min(max(7, 3 + math.ceil(math.log10(abs(value) / width))), 17)
 
 
 def _residuals(found: Identification) -> Table:

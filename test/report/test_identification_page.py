@@ -55,7 +55,18 @@ def test_page_of_a_cube_says_what_is_not_told() -> None:
 
     # Notes of the reader are sentences with a full stop, those of the fit have none.
     noted = sections(replace(found, notes=("The bag has a gap.", "z: left out")))
-    assert noted["What these recordings do not determine"].text.endswith("The bag has a gap.\n\nz: left out.")
+    assert noted["Notes"].text == "The bag has a gap.\n\nz: left out."
+    assert "Notes" not in page
+
+
+def test_an_interval_is_told_with_digits_that_show_its_width() -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    found = identify(guess(BODY), [flown(BODY, np.random.default_rng(0), seconds=1.0, torque=3.0)], ["inertia"])
+    first = replace(found.parameters[0], value=0.11, standard_error=1e-10, interval=(0.11 - 2e-10, 0.11 + 2e-10))
+    table = sections(replace(found, parameters=(first, *found.parameters[1:])))["Parameters"].table
+    assert table is not None
+    assert table.rows[0][3] == "0.1099999998 … 0.1100000002"
 
 
 def test_residuals_below_the_accuracy_of_a_recording_are_not_said_to_be_white() -> None:

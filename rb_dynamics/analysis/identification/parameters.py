@@ -91,6 +91,8 @@ class InertiaParameters:
         # Many segments of a flight ask for the same in turn.
         self._last: tuple[bytes, Any] = (b"", None)
 
+    # A search may try one that is too far away to be a number.
+    @np.errstate(over="ignore", invalid="ignore")
     def matrix(self, size: complex, shape: Any) -> Any:
         """Return the inertia: `size` is the logarithm of its trace against that of the start, `shape` has 5 numbers."""
         a, b, x, y, z = shape

@@ -315,6 +315,12 @@ def test_every_number_is_an_inertia(shape: list[float]) -> None:
     assert low + middle >= high * (1.0 - 1e-9)
 
 
+def test_an_inertia_too_far_away_to_be_a_number_is_none_without_a_warning() -> None:
+    """A search may try it: numpy's warnings stood between the lines of the output."""
+    inertia = InertiaParameters(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5)))
+    assert not np.isfinite(inertia.matrix(0.0, np.array([400.0, 0.0, 0.0, 0.0, 0.0]))).all()
+
+
 @given(st.lists(st.floats(-2.0, 2.0), min_size=5, max_size=5), st.floats(-3.0, 3.0))
 def test_parameters_of_an_inertia_are_those_that_it_was_made_of(shape: list[float], size: float) -> None:
     inertia = InertiaParameters(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5)))
