@@ -27,7 +27,7 @@ from rb_dynamics.analysis.identification.given_inertia import (
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, motion_blocks, shared
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, motion_blocks, shared
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
@@ -51,6 +51,9 @@ the angular momentum in a sample is noise."""
 
 SHORT = "no part without a hole, in which all wrenches are known, has enough samples of each sensor"
 """Why nothing can be told where nothing can be fitted."""
+
+# Why nothing can be told, without noise, of a body that does not turn, or turns steadily about one axis.
+_SAME_MOTION = "a body with other moments of inertia would move in the same way"
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,8 @@ class Residual:
         force_world: mean residual force in each interval, N, world axes.
         torque_world: mean residual torque about the centre of mass, N m, world axes.
         torque_body: the same in body axes at the end of the interval.
-        relative: unexplained angular momentum relative to the largest, root mean square.
+        relative: unexplained angular momentum relative to the largest, or to the largest impulse of the torques if that
+            is larger, root mean square.
         best: the same with the best-fitting inertia.
         inertia: the best-fitting inertia, kg m^2, body axes, with the scale of the given one if no torque determines
             it; the given one unless another explains the motion.
@@ -93,7 +97,7 @@ class Residual:
         mass_explained: whether the given mass explains the motion as well.
         explained: whether the given inertia leaves at most `bound`, or only noise.
         explainable: whether some physical inertia explains the motion.
-        noise: standard deviation of the angular momentum relative to the largest; 0 if it is within `bound`.
+        noise: standard deviation of the angular momentum, relative to the same; 0 if it is within `bound`.
         unseen: for each principal moment, ascending, the relative error that noise may hide.
         bias: the constant error of the rates that explains the residual, rad/s, body axes; None if none does.
         axis: the only axis about which the body turns, body axes; None if about several.
@@ -215,7 +219,8 @@ def residual(track: Track, bound: float) -> Residual | None:
         time_ns, moved.attitude, _differences(body.mass, moved.speed, push.sums), left, stretch,
         _block(left, stretch, noise),
     )  # fmt: skip
-    scale = moved.scale if moved.scale > 0.0 else np.inf
+    # What does not turn despite a torque is as far from explained as can be.
+    scale = max(moved.scale, largest(turn.sums)) or np.inf
     relative = best = _rms(left) / scale
     # An error of the quadrature is an explanation.
     accepted = bound + float(turn.error[known].sum()) / scale
@@ -250,6 +255,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
     mass = fitted_mass(track, turned, moving) if explained or other is not None else None
     mass = mass or FittedMass(None, np.inf, True)
+    caused = (changes and blamed) or bias is not None or other is not None
     return Residual(
         **wrench,
         relative=relative,
@@ -269,7 +275,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         recorded=track.acted,
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
-        untold=_untold(found, explained, level, (changes and blamed) or bias is not None or other is not None),
+        untold=_untold(found, explained, level, scale < np.inf, caused),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),
@@ -289,13 +295,22 @@ def _share(found: InertiaScore, track: Track) -> float:
     return min(1.0, (found.end_ns - found.begin_ns) / max(end - begin, 1))
 
 
-def _untold(found: InertiaScore | None, explained: bool, noise: float, caused: bool) -> str:
-    """Return why nothing can be said; `caused` says whether a cause is found of what is not explained."""
+def _untold(found: InertiaScore | None, explained: bool, noise: float, turned: bool, caused: bool) -> str:
+    """Return why nothing can be said.
+
+    Args:
+        found: by the fit.
+        explained: whether the given inertia explains the motion.
+        noise: of the angular momentum, relative.
+        turned: whether the body turned, or a torque acted.
+        caused: whether a cause is found of what is not explained.
+    """
     if explained:
-        if found is None and noise > 0.0:
-            return SHORT
-        hidden = noise >= TELLS or (noise > 0.0 and found is not None and min(found.unseen) >= TELLS)
-        return "the noise of the recording hides it" if hidden else ""
+        if found is None:
+            return SHORT if noise > 0.0 or not turned else ""
+        if noise < TELLS and min(found.unseen) < TELLS:
+            return ""
+        return "the noise of the recording hides it" if noise > 0.0 else _SAME_MOTION
     if found is None:
         return "" if caused else SHORT
     if found.late:

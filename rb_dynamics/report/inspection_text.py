@@ -229,7 +229,7 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     force, torque = left.root_mean_square
     noisy = "" if left.with_rates else ", of differences of the pose: mostly noise"
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square{noisy})."
-    if not left.told and (not left.explained or left.fitted_ns is None):
+    if not left.told and (not left.explained or left.fitted_ns is None or not left.noise):
         verdict = f"CANNOT TELL whether the inertia given explains the motion: {left.untold}."
     elif not left.told:
         verdict = (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from noisy_recordings import scene_of
-from tumbling import Tumble, bag_of
+from tumbling import Tumble, bag_of, fill
 
 from rb_dynamics import Setpoint, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
@@ -165,10 +165,50 @@ def test_a_robot_on_the_ground_tells_of_a_torque_and_nothing_of_its_inertia(nois
     )
 
 
+def not_turning(speed: float, torque: float | None) -> Residual:
+    """Return the residual of a body that does not turn, with a torque commanded from 1 s on."""
+    t, flat = np.arange(500) * 0.02, np.zeros((500, 3))
+    velocity = np.tile([speed, 0.0, 0.0], (500, 1))
+    motion = Tumble(np.rint(t * 1e9).astype(np.int64), velocity * t[:, None], np.eye(4)[[3] * 500], velocity, flat)
+    bag = bag_of(motion, wrench=torque is not None)
+    if torque is not None:
+        fill(bag.topics["/w"], motion.time_ns[50:51], "base", np.array([[0.0, 0.0, 0.0, torque, 0.0, 0.0]]), 0)
+    left = residual(read_track(bag, scene_of(4.0, TRUE, (0.0, 0.0, 0.0))), 1e-6)
+    assert left is not None
+    return left
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_a_body_that_does_not_turn_tells_nothing_of_its_inertia(speed: float) -> None:
+    """Nothing was judged, and it was said that the inertia explains the motion."""
+    for torque in (None, 0.0):
+        left = not_turning(speed, torque)
+        assert not left.told
+        assert "CANNOT TELL whether the inertia given explains the motion: a body with" in residual_sentence(left, 0)
+
+
+def test_a_body_that_does_not_turn_despite_a_torque_is_not_explained() -> None:
+    """Its rates are zero, and so was what was left relative to them."""
+    left = not_turning(0.0, 0.03)
+    assert not left.explained
+    assert not left.explainable
+    assert left.relative == left.best > 0.1
+
+
+def test_a_few_samples_of_rest_tell_nothing_either() -> None:
+    count = 12
+    flat = np.zeros((count, 3))
+    motion = Tumble(np.arange(count) * 20_000_000, flat, np.eye(4)[[3] * count], flat, flat)
+    left = residual(read_track(bag_of(motion), scene_of(4.0, TRUE, (0.0, 0.0, 0.0))), 1e-6)
+    assert left is not None
+    assert not left.told
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_a_steady_turn_about_one_axis_tells_nothing_of_the_inertia(noise: float) -> None:
     left = on_wheels(noise, lambda t: np.full_like(t, 0.5), True)
     assert left.explained
+    assert not left.told
     assert "any other would do as well" in residual_sentence(left, 0)
 
 
