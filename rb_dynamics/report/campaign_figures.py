@@ -71,10 +71,10 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
     )
 
 
-def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], noise: float) -> Picture:
-    """Return for each (metric, [(input, rank correlation), ...]) bars of the strongest."""
+def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]], float]]) -> Picture:
+    """Return for each (metric, [(input, rank correlation), ...], noise) bars of the strongest."""
 
-    def panel(pairs: Sequence[tuple[str, float]]) -> Callable[[Any], None]:
+    def panel(pairs: Sequence[tuple[str, float]], noise: float) -> Callable[[Any], None]:
         def plot(axes: Any) -> None:
             shown = list(pairs)[:6][::-1]
             if not shown:
@@ -93,7 +93,8 @@ def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]]]], no
 
         return plot
 
-    return _draw([(title, panel(pairs)) for title, pairs in metrics], "Rank correlation of inputs and metrics", 2)
+    panels = [(title, panel(pairs, noise)) for title, pairs, noise in metrics]
+    return _draw(panels, "Rank correlation of inputs and metrics", 2)
 
 
 def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]]]) -> Picture:

@@ -24,6 +24,7 @@ from rb_dynamics.study.campaign.summary import (
     MetricSummary,
     far_text,
     few_runs,
+    over_runs,
     percent,
     quantile_table,
     rerun_commands,
@@ -73,7 +74,7 @@ def campaign_report(
         ),
     ]
     if campaign.inputs:
-        drivers = campaign_figures.sensitivities([(each.name, each.drivers) for each in summary.metrics], summary.noise)
+        drivers = campaign_figures.sensitivities([(each.name, each.drivers, each.noise) for each in summary.metrics])
         sections.append(
             Section("What drives them", figures=[Figure(drivers, _DRIVERS), *_scatters(campaign, summary, rows)])
         )
@@ -90,13 +91,14 @@ _SPREAD = (
     "Number of runs per value; failed runs are orange, the dashed line is the requirement. The table gives quantiles "
     f"of the runs, and the {CONFIDENCE:.0%} confidence interval of the 99.73 % quantile of all possible runs, "
     "whatever the distribution; the .json file has it for every quantile. A run has no value if it never met the "
-    "condition (it then counts as larger than any) or could not be completed."
+    "condition (it then counts as larger than any), or if it could not be completed or its metric is NaN (it then does "
+    "not count)."
 )
 _DRIVERS = (
     "Spearman's rank correlation, the strongest inputs first: +1 if a metric always increases with an input, -1 if "
     "it always decreases. Either way: with the distance of the input from its median, above or below. Values within "
-    "the grey band may be due to chance. Inputs that are only correlated with a stronger one in these runs are left "
-    "out; the .json file has them (echoes)."
+    "the grey band may be due to chance. Runs without a value are left out, except those that never met the condition. "
+    "Inputs that are only correlated with a stronger one in these runs are left out; the .json file has them (echoes)."
 )
 _SCATTER = "Each metric against its strongest input, if that is more than chance; failed runs are orange."
 
@@ -109,9 +111,10 @@ def _glance(campaign: Campaign, summary: CampaignSummary) -> str:
     else:
         parts.append("There are no requirements: every completed run passes.")
     for metric in summary.metrics:
-        if metric.drivers and abs(metric.drivers[0][1]) > max(summary.noise, 0.1):
-            name, value = metric.drivers[0]
-            parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}).")
+        if metric.strongest and abs(metric.strongest[1]) > 0.1:
+            name, value = metric.strongest
+            over = over_runs(summary, metric)
+            parts.append(f"{metric.name} depends most on {name} (rank correlation {value:+.2f}{over}).")
     if few := few_runs(campaign, summary):
         parts.append(f"{few}.")
     return "\n\n".join(parts)
@@ -200,8 +203,8 @@ def _scatters(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> li
 
     pairs = []
     for metric, found in zip(campaign.metrics, summary.metrics, strict=True):
-        if found.drivers and abs(found.drivers[0][1]) > summary.noise:
-            name = found.drivers[0][0].removesuffix(EITHER_WAY)
+        if found.strongest:
+            name = found.strongest[0].removesuffix(EITHER_WAY)
             pairs.append((name, _title(metric), rows[name], rows[metric.name], rows["passed"]))
     return [Figure(campaign_figures.scatters(pairs), _SCATTER)] if pairs else []
 

@@ -79,7 +79,8 @@ class MetricSummary:
         name: of the metric.
         unit: of its values.
         count: number of runs with a value.
-        missing: number of runs without a value: a condition that was never met, or a run that failed.
+        missing: number of runs without a value: a condition that was never met, a metric that is NaN, or a run that was
+            not completed.
         never: how many of these never met the condition; they count as larger than any value in quantiles.
         mean: of the values.
         deviation: standard deviation of the values.
@@ -87,6 +88,8 @@ class MetricSummary:
         most: largest value.
         quantiles: of the values and of those that never were one; infinite where they are.
         worst: the worst run; None if no run has a value, or never met a condition.
+        compared: number of runs of which the correlations are: those completed, except those whose metric is NaN.
+        noise: magnitude that a rank correlation of so many exceeds by chance in 5 % of cases.
         sensitivity: rank correlation with each input, strongest first.
         either_way: rank correlation with the distance of each input from its median, in ranks, strongest first; of an
             input with few different values, with the part of it that the input itself does not explain.
@@ -106,6 +109,8 @@ class MetricSummary:
     most: float
     quantiles: tuple[Quantile, ...]
     worst: Worst | None
+    compared: int
+    noise: float
     sensitivity: tuple[tuple[str, float], ...]
     either_way: tuple[tuple[str, float], ...]
     echoes: tuple[tuple[str, str, float], ...]
@@ -116,6 +121,11 @@ class MetricSummary:
         only_follow = {name for name, _, _ in self.echoes}
         known = _strongest_first([*self.sensitivity, *((name + EITHER_WAY, value) for name, value in self.either_way)])
         return tuple(pair for pair in known if pair[0] not in only_follow)
+
+    @property
+    def strongest(self) -> tuple[str, float] | None:
+        """The strongest of the drivers, if that is more than chance."""
+        return next((pair for pair in self.drivers[:1] if abs(pair[1]) > self.noise), None)
 
 
 @dataclass(frozen=True)
@@ -131,7 +141,6 @@ class CampaignSummary:
         failed: numbers of the runs that did not pass, at most the first `MOST_FAILURES`; there are `runs - passed`.
         not_flown: number of runs that could not be completed.
         errors: numbers and error texts of these, at most the first `MOST_FAILURES`.
-        noise: magnitude that a rank correlation exceeds by chance in 5 % of cases.
         metrics: statistics of each metric.
     """
 
@@ -143,7 +152,6 @@ class CampaignSummary:
     failed: tuple[int, ...]
     not_flown: int
     errors: tuple[tuple[int, str], ...]
-    noise: float
     metrics: tuple[MetricSummary, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -170,11 +178,7 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
     low, high = proportion_interval(passed, runs)
     # A run that could not be completed says nothing of a metric.
     flown = np.array([not error for error in rows["error"]], dtype=np.bool_)
-    ranks = {each.name: _ranks(rows[each.name][flown]) for each in campaign.inputs} if flown.any() else {}
-    # Of two values, the distance from the median says what the input says.
-    folded = {name: each for name, each in ranks.items() if len(np.unique(each)) > 2}
-    ranks |= {name + EITHER_WAY: _beside(each, _ranks(abs(each - each.mean()))) for name, each in folded.items()}
-    noise = min(1.0, 1.96 / math.sqrt(max(1, int(np.count_nonzero(flown)) - 1)))
+    ranks = _input_ranks(campaign, rows, flown)
     errors = [(int(run), text) for run, text in zip(rows["run"], rows["error"], strict=True) if text]
     return CampaignSummary(
         runs,
@@ -185,8 +189,7 @@ def summarise(campaign: Campaign, rows: Columns) -> CampaignSummary:
         tuple(rows["run"][~good][:MOST_FAILURES].tolist()),
         len(errors),
         tuple(errors[:MOST_FAILURES]),
-        noise,
-        tuple(_metric(campaign, each, unit_of(each), rows, flown, ranks, noise) for each in campaign.metrics),
+        tuple(_metric(campaign, each, unit_of(each), rows, flown, ranks) for each in campaign.metrics),
     )
 
 
@@ -228,8 +231,8 @@ def _metric(
     rows: Columns,
     is_flown: npt.NDArray[np.bool_],
     ranks: Mapping[str, Numbers],
-    noise: float,
 ) -> MetricSummary:
+    """Return the statistics of a metric; `ranks` of the inputs in the runs that `is_flown`."""
     import numpy as np
 
     name, column = metric.name, rows[metric.name]
@@ -239,12 +242,19 @@ def _metric(
     flown, worst = column[is_flown], _worst(campaign, metric, rows, is_flown)
     # The time to an event that never happened counts as longer than any.
     never = int(np.count_nonzero(np.isnan(flown))) if metric.reduction == "time_to" else 0
-    ordered = np.sort(np.concatenate([flown[~np.isnan(flown)], np.full(never, math.inf)]))
+    with_never = np.where(np.isnan(column), math.inf, column) if never else column
+    is_compared = is_flown & ~np.isnan(with_never)
+    ordered = np.sort(with_never[is_compared])
+    compared = len(ordered)
+    noise = min(1.0, 1.96 / math.sqrt(max(1, compared - 1)))
     quantiles = tuple(quantile_interval(ordered, probability) for probability in PROBABILITIES if len(ordered))
     if count == 0:
         nan = math.nan
-        return MetricSummary(name, unit, 0, len(column), never, nan, nan, nan, nan, quantiles, worst, (), (), ())
-    sensitivity = _sensitivity(flown, is_number[is_flown], ranks)
+        of_values = (nan, nan, nan, nan, quantiles, worst, compared, noise, (), (), ())
+        return MetricSummary(name, unit, 0, len(column), never, *of_values)
+    if compared < len(flown):
+        ranks = _input_ranks(campaign, rows, is_compared)
+    sensitivity = _sensitivity(with_never[is_compared], ranks)
     with np.errstate(over="ignore", invalid="ignore"):
         mean, deviation = float(values.mean()), float(values.std(ddof=1)) if count > 1 else 0.0
     return MetricSummary(
@@ -259,6 +269,8 @@ def _metric(
         float(values[-1]),
         quantiles,
         worst,
+        compared,
+        noise,
         tuple(pair for pair in sensitivity if not pair[0].endswith(EITHER_WAY)),
         tuple((pair[0].removesuffix(EITHER_WAY), pair[1]) for pair in sensitivity if pair[0].endswith(EITHER_WAY)),
         _echoes(sensitivity, ranks, noise),
@@ -269,7 +281,7 @@ def _worst(campaign: Campaign, metric: Metric, rows: Columns, is_flown: npt.NDAr
     """Return the worst of the completed runs."""
     import numpy as np
 
-    column, is_number = rows[metric.name], np.isfinite(rows[metric.name])
+    column, is_number = rows[metric.name], ~np.isnan(rows[metric.name])
     required = [each for each in campaign.requirements if each.metric == metric.name]
     lacks = ~is_number & is_flown
     # The time to an event that never happened counts as longer than any.
@@ -281,20 +293,28 @@ def _worst(campaign: Campaign, metric: Metric, rows: Columns, is_flown: npt.NDAr
         low, high = required[0].above, required[0].below
     else:
         low, high = (0.0, math.inf) if metric.reduction == "least" else (-math.inf, 0.0)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         above, below = column - high, low - column
     place = int(np.argmax(np.where(is_number, np.fmax(above, below), -math.inf)))
     which = "smallest" if below[place] > above[place] else "largest"
     return Worst(int(rows["run"][place]), float(column[place]), which)
 
 
-def _sensitivity(
-    column: Numbers, is_number: npt.NDArray[np.bool_], ranks: Mapping[str, Numbers]
-) -> tuple[tuple[str, float], ...]:
-    """Return Spearman's correlation with each of `ranks`; NaN ranks above all numbers."""
+def _input_ranks(campaign: Campaign, rows: Columns, among: npt.NDArray[np.bool_]) -> dict[str, Numbers]:
+    """Return the ranks of each input, and of its distance from its median, among some of the runs."""
     import numpy as np
 
-    own = _ranks(np.where(is_number, column, math.inf))
+    if not among.any():
+        return {}
+    ranks = {each.name: _ranks(rows[each.name][among]) for each in campaign.inputs}
+    # Of two values, the distance from the median says what the input says.
+    folded = {name: each for name, each in ranks.items() if len(np.unique(each)) > 2}
+    return ranks | {name + EITHER_WAY: _beside(each, _ranks(abs(each - each.mean()))) for name, each in folded.items()}
+
+
+def _sensitivity(column: Numbers, ranks: Mapping[str, Numbers]) -> tuple[tuple[str, float], ...]:
+    """Return Spearman's correlation with each of `ranks`."""
+    own = _ranks(column)
     return _strongest_first([(name, _correlation(own, other)) for name, other in ranks.items()])
 
 
@@ -357,7 +377,7 @@ def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]
         *(f"  {line}" for line in _aligned(quantile_table(summary))),
         f"  99 % below: 99 % of the runs have a smaller value.  {TRUE}: its interval over all possible runs, with",
         f"  {CONFIDENCE:.0%} confidence. no value: runs that never met the condition, which count as larger than any,",
-        "  or could not be completed, which do not count.",
+        "  and runs that could not be completed or whose metric is NaN, which do not count.",
     ]
     if far := far_text(summary):
         lines.append(f"  {far}")
@@ -366,10 +386,11 @@ def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]
     lines += [f"            {command}" for command in rerun_commands(campaign, list(runs), options)]
     either_way = False
     for metric in summary.metrics:
-        strongest = [f"{name} {value:+.2f}" for name, value in metric.drivers[:3] if abs(value) > summary.noise]
+        strongest = [f"{name} {value:+.2f}" for name, value in metric.drivers[:3] if abs(value) > metric.noise]
         either_way |= any(EITHER_WAY in each for each in strongest)
         if strongest:
-            lines.append(f"depends     {metric.name} on {', '.join(strongest)} (rank correlation, -1 to 1)")
+            how = f"rank correlation, -1 to 1{over_runs(summary, metric)}"
+            lines.append(f"depends     {metric.name} on {', '.join(strongest)} ({how})")
         lines += [
             f"            not told apart: {name}, whose correlation with {stronger} in these runs is {shared:+.2f}"
             for name, stronger, shared in metric.echoes[:3]
@@ -388,6 +409,12 @@ def as_text(campaign: Campaign, summary: CampaignSummary, options: Sequence[str]
         lines.append(f"failed      {failed}; to repeat one with a full log{some}:")
     lines += [f"            {command}" for command in rerun_commands(campaign, summary.failed[:_SHOWN], options)]
     return "\n".join(lines)
+
+
+def over_runs(summary: CampaignSummary, metric: MetricSummary) -> str:
+    """Return of how many runs the correlations of `metric` are, if not of all that were completed; "" otherwise."""
+    left_out = summary.runs - summary.not_flown - metric.compared
+    return f", over the {metric.compared} runs with a value" if left_out else ""
 
 
 def few_runs(campaign: Campaign, summary: CampaignSummary) -> str:

@@ -97,7 +97,7 @@ def test_in_few_runs_an_input_that_goes_with_the_one_that_counts_is_told_apart(t
     correlations = abs(stats.spearmanr(np.stack([rows[name] for name in names], axis=1)).statistic)
     pairs = [(correlations[i, j], names[i], names[j]) for i in range(len(names)) for j in range(i)]
     shared, driver, bystander = max(pairs)
-    assert shared > summarise(campaign, rows).noise
+    assert shared > summarise(campaign, rows).metrics[0].noise
     rows["final_rate"] = rows[driver]
     metric = {each.name: each for each in summarise(campaign, rows).metrics}["final_rate"]
 
@@ -161,7 +161,35 @@ def test_what_keeps_runs_from_being_completed_drives_no_metric(tmp_path: Path) -
     final = summary.metrics[0]
 
     assert dict(final.sensitivity)["initial.angular_velocity_body[0]"] == pytest.approx(1.0)
-    assert abs(dict(final.sensitivity)["body.mass"]) < summary.noise
+    assert abs(dict(final.sensitivity)["body.mass"]) < final.noise
+
+
+def test_a_metric_that_is_nan_is_no_largest_value(tmp_path: Path) -> None:
+    """A logarithm of rates of both signs: half are NaN, which ranked above all numbers."""
+    campaign, rows = by_its_inputs(tmp_path, 512)
+    spin = rows["initial.angular_velocity_body[0]"]
+    with np.errstate(invalid="ignore"):
+        rows["final_rate"] = np.log(spin - np.median(spin))
+    rows["worst_energy"] = np.where(np.arange(512) == 3, -np.inf, spin)
+    rows["settled"] = np.where(spin > np.median(spin), np.nan, spin)
+    summary = summarise(campaign, rows)
+    final, worst, settled = summary.metrics
+
+    assert final.drivers[0] == ("initial.angular_velocity_body[0]", pytest.approx(1.0))
+    assert (final.compared, worst.compared, settled.compared) == (256, 512, 512)
+    assert final.noise == pytest.approx(1.96 / math.sqrt(255))
+    assert dict(worst.sensitivity)["initial.angular_velocity_body[0]"] == pytest.approx(
+        stats.spearmanr(spin, rows["worst_energy"]).statistic
+    )
+    # What was never reached took longer than any time.
+    never = np.where(np.isnan(rows["settled"]), np.inf, spin)
+    assert dict(settled.sensitivity)["initial.angular_velocity_body[0]"] == pytest.approx(
+        stats.spearmanr(spin, never).statistic
+    )
+    lines = as_text(campaign, summary).splitlines()
+    ends = {line.split()[1]: line.partition("(")[2] for line in lines if line.startswith("depends")}
+    assert ends["final_rate"] == "rank correlation, -1 to 1, over the 256 runs with a value)"
+    assert ends["settled"] == "rank correlation, -1 to 1)"
 
 
 def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
