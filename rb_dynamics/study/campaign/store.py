@@ -81,7 +81,7 @@ class Store:
     def _use_existing(self) -> None:
         """Use the file at `path`, which holds all runs; rows of a smaller campaign become a block of this one."""
         check_same(read_facts(self.path), self.path, self._campaign, _ANEW)
-        runs = self._parquet.read_metadata(self.path).num_rows
+        runs = self._count_runs()
         self._check_not_more(runs, self.path)
         # A kill may have left the blocks that the file was made from.
         shutil.rmtree(self._parts, ignore_errors=True)
@@ -90,6 +90,18 @@ class Store:
             # Write the facts first: a kill between the two must not leave rows without facts.
             self._begin()
             os.replace(self.path, self._part(0, runs))
+
+    def _count_runs(self) -> int:
+        """Return how many runs the file at `path` holds, which must be the first ones, in order."""
+        with _readable(self.path, _NO_ROWS):
+            found = self._parquet.read_table(self.path, columns=["run"])["run"].to_pylist()
+        if found != list(range(len(found))):
+            place, run = next((place, run) for place, run in enumerate(found) if run != place)
+            raise LogError(
+                f"{self.path} holds run {run} in row {place}, expected the runs 0 to {len(found) - 1} in order, as a "
+                f"campaign writes them; put the file back as it was, or {_ANEW}"
+            )
+        return len(found)
 
     def _begin(self) -> None:
         self._parts.mkdir(exist_ok=True)
@@ -162,10 +174,15 @@ class Store:
         """Merge all blocks into one file and remove them.
 
         Raises:
-            LogError: the file cannot be written, or a block cannot be read.
+            LogError: the file cannot be written, or a block cannot be read or was removed.
         """
         if self.complete:
             return
+        if (lost := next(self.missing(self._campaign.runs), None)) is not None:
+            raise LogError(
+                f"the rows of the runs {lost[0]} to {lost[1] - 1} were removed from {self._parts} after they were "
+                "written; run the same command again, which flies them"
+            )
         try:
             with renamed(self.path) as new:
                 self._join(new)
@@ -228,17 +245,14 @@ def read_rows(path: str | os.PathLike[str]) -> Columns:
 
 
 def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
-    """Return the row of one run, None if there is none; reads one row group at a time.
+    """Return the row of one run, wherever it is, None if there is none; reads only row groups that may have it.
 
     Raises:
         LogError: the file cannot be read.
         MissingExtraError: pyarrow is not installed.
     """
-    with _readable(path, _NO_ROWS), _parquet().ParquetFile(path) as file:
-        group = run // ROWS
-        if group >= file.num_row_groups:
-            return None
-        rows: list[dict[str, Any]] = file.read_row_group(group).slice(run % ROWS, 1).to_pylist()
+    with _readable(path, _NO_ROWS):
+        rows: list[dict[str, Any]] = _parquet().read_table(path, filters=[("run", "==", run)]).to_pylist()
     return rows[0] if rows else None
 
 

@@ -253,6 +253,47 @@ def test_growing_rows_keep_whose_they_are(tmp_path: Path, monkeypatch: pytest.Mo
     assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
 
 
+def test_rows_that_were_filtered_or_sorted_are_not_taken_by_their_place(tmp_path: Path) -> None:
+    """A filtered file was counted as the first runs; a rerun was compared with the row of another run."""
+    import pyarrow as pa
+    from pyarrow import compute, parquet
+
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    fly(campaign, out)
+    whole = parquet.read_table(out)
+    changed = {
+        "holds run 2 in row 1, expected the runs 0 to 22 in order": whole.filter(compute.field("run") != 1),
+        "holds run 23 in row 0, expected the runs 0 to 23 in order": whole.sort_by([("run", "descending")]),
+        "holds run 0 in row 1, expected the runs 0 to 24 in order": pa.concat_tables([whole.slice(0, 1), whole]),
+    }
+    for message, table in changed.items():
+        parquet.write_table(table, out)
+        with pytest.raises(LogError, match=message):
+            Store(out, read_campaign(campaign))
+        row = read_row(out, 3)
+        assert row is not None
+        assert row["run"] == 3
+        assert row["final_rate"] == whole["final_rate"][3].as_py()
+    parquet.write_table(whole.drop_columns("run"), out)
+    with pytest.raises(LogError, match=r"cannot read .*rows.parquet: .*run.*; check the path|expected the rows of a "):
+        Store(out, read_campaign(campaign))
+
+
+def test_a_block_removed_while_others_are_flown_is_missed(tmp_path: Path) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    read = read_campaign(campaign)
+    store = Store(out, read)
+
+    def remove(done: int, _: int) -> None:
+        if done == 24:
+            Path(f"{out}.parts", "runs-000000000008-000000000016.parquet").unlink()
+
+    with pytest.raises(LogError, match=r"the rows of the runs 8 to 15 were removed from .*rows.parquet.parts after"):
+        run_campaign(read, store, workers=0, block=8, progress=remove)
+    store.close()
+    assert fly(campaign, out) == fly(campaign, tmp_path / "whole.parquet")
+
+
 def test_blocks_left_beside_a_complete_file_go(tmp_path: Path) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     whole, left = fly(campaign, out), Path(f"{out}.parts")
