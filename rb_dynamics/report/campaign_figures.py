@@ -30,7 +30,9 @@ def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.b
 
     def plot(axes: Any) -> None:
         log = _is_wide(values)
-        low, middle, high = np.nanquantile(values, (0.05, 0.5, 0.95), axis=1)
+        low, middle, high = np.full((3, len(values)), np.nan)
+        some = ~np.isnan(values).all(axis=1)
+        low[some], middle[some], high[some] = np.nanquantile(values[some], (0.05, 0.5, 0.95), axis=1)
         axes.fill_between(shown, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="middle 90 %")
         for number, column in enumerate(values[:, failed].T[:8]):
             axes.plot(shown, column, color=BAD, linewidth=0.9, label=f"failed {number + 1}")

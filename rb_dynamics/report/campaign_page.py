@@ -15,7 +15,7 @@ from rb_dynamics.study.campaign.block_of_runs import Columns, watch_runs
 from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.metric_units import titled, unit_of
 from rb_dynamics.study.campaign.metrics import QUANTITIES, quantity
-from rb_dynamics.study.campaign.model import Campaign, Metric
+from rb_dynamics.study.campaign.model import NO_VALUE, Campaign, Metric
 from rb_dynamics.study.campaign.scenes import Scenes
 from rb_dynamics.study.campaign.summary import (
     CONFIDENCE,
@@ -183,13 +183,12 @@ def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> l
     caption = f"median and the middle 90 % of {_some(len(runs), summary.runs, 'runs')}"
     if failed:
         caption += f"; orange: {_some(len(failed), summary.runs - summary.passed, 'that failed')}"
-    drawn = [
-        Figure(
-            campaign_figures.over_time(np.array(times), _quantity_title(metric), np.array(column), bad),
-            f"{_quantity_title(metric)}: {caption}.",
-        )
-        for metric, column in zip(followed.values(), values, strict=True)
-    ]
+    drawn = []
+    for metric, column in zip(followed.values(), map(np.array, values), strict=True):
+        title, without = _quantity_title(metric), int(np.isnan(column).any(axis=0).sum())
+        rest = f"; at some times of fewer, as {without} of these runs have no value (NaN) there" if without else ""
+        drawing = campaign_figures.over_time(np.array(times), title, column, bad)
+        drawn.append(Figure(drawing, f"{title}: {caption}{rest}."))
     return [Section("Over time", figures=drawn)]
 
 
@@ -236,12 +235,12 @@ def _failures(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> Ta
     shown = summary.failed[:_LISTED]
     if not shown:
         return None
-    names = [metric.name for metric in campaign.metrics]
     errors = dict(summary.errors)
     cells: list[Sequence[str]] = []
-    header = ["run", *names, *(["not completed"] if errors else [])]
+    header = ["run", *(metric.name for metric in campaign.metrics), *(["not completed"] if errors else [])]
     for run in shown:
-        values = ["never" if math.isnan(value := float(rows[name][run])) else f"{value:.4g}" for name in names]
+        known = [(float(rows[each.name][run]), NO_VALUE if run in errors else each.if_nan) for each in campaign.metrics]
+        values = [if_nan if math.isnan(value) else f"{value:.4g}" for value, if_nan in known]
         cells.append([str(run), *values, *([errors.get(run, "")] if errors else [])])
     return Table(header, cells, numeric=False)
 

@@ -46,6 +46,9 @@ class Control:
     through: tuple[str, ...] = ()
 
 
+NO_VALUE = "no value"
+
+
 @dataclass(frozen=True)
 class Metric:
     """One number computed for each run.
@@ -67,6 +70,11 @@ class Metric:
     below: float = math.inf
     above: float = -math.inf
     stays: bool = True
+
+    @property
+    def if_nan(self) -> str:
+        """What is said of a completed run of which this metric is NaN."""
+        return "never" if self.reduction == "time_to" else NO_VALUE
 
 
 @dataclass(frozen=True)

@@ -103,8 +103,14 @@ def _numbers(key: str, entry: Field, values: Mapping[str, float]) -> list[Input]
     if len(given) != 1:
         entry.reject(f"exactly one of {', '.join(_FORMS)}", "write for example {normal: {deviation: 0.1}}")
         return []
-    form = section.get(given[0])
-    return [] if form is None else [Input(name, _READERS[given[0]](form, value)) for name, value in values.items()]
+    form, read, before = section.fields()[given[0]], _READERS[given[0]], entry.problems.count
+    found: list[Input] = []
+    for name, value in values.items():
+        found.append(Input(name, read(form, value)))
+        # What is wrong for one number of a list is wrong for the others: it is said once.
+        if entry.problems.count > before:
+            break
+    return found
 
 
 def _normal(field: Field, value: float) -> Distribution:

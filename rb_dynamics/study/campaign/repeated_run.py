@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.campaign.block_of_runs import simulate_alone
 from rb_dynamics.study.campaign.compatibility import check_same
 from rb_dynamics.study.campaign.loop_stability import remarks
-from rb_dynamics.study.campaign.model import Campaign
+from rb_dynamics.study.campaign.model import NO_VALUE, Campaign
 from rb_dynamics.study.campaign.store import read_facts, read_row
 from rb_dynamics.study.campaign.user_functions import FunctionError
 
@@ -29,6 +29,7 @@ class SingleRun:
         log: path of its log.
         error: why it failed.
         row_error: why it failed according to its row.
+        if_nan: what is said of a metric that is NaN, by name.
     """
 
     run: int
@@ -37,6 +38,7 @@ class SingleRun:
     log: Path
     error: str = ""
     row_error: str = ""
+    if_nan: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def differs(self) -> bool:
@@ -64,17 +66,18 @@ class SingleRun:
         if self.row_error:
             lines.append(f"  its row says: {self.row_error}")
         for name, value in self.metrics.items():
-            lines.append(
-                f"  {name:24}{_shown(value):>26}"
-                + ("" if self.row is None else f"{_shown(self.row[name]):>26} in its row")
-            )
+            nothing = self.if_nan.get(name, NO_VALUE)
+            line = f"  {name:24}{_shown(value, nothing):>26}"
+            if self.row is not None:
+                line += f"{_shown(self.row[name], NO_VALUE if self.row_error else nothing):>26} in its row"
+            lines.append(line)
         if self.row is not None and not (self.error and self.row_error):
             lines.append("differs from its row" if self.differs else "the same as its row, to the bit")
         return "\n".join([*lines, f"wrote {self.log}"])
 
 
-def _shown(value: float) -> str:
-    return "never" if math.isnan(value) else repr(value)
+def _shown(value: float, if_nan: str) -> str:
+    return if_nan if math.isnan(value) else repr(value)
 
 
 def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
@@ -97,4 +100,5 @@ def rerun(campaign: Campaign, run: int, log: Path, rows: Path) -> SingleRun:
         error = str(problem)
     found = read_row(rows, run) if compared else None
     row = None if found is None else {each.name: float(found[each.name]) for each in campaign.metrics}
-    return SingleRun(run, metrics, row, log, error, "" if found is None else str(found["error"]))
+    if_nan = {each.name: each.if_nan for each in campaign.metrics}
+    return SingleRun(run, metrics, row, log, error, "" if found is None else str(found["error"]), if_nan)

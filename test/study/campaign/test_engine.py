@@ -32,6 +32,7 @@ from rb_dynamics.study.campaign.block_of_runs import simulate_block
 from rb_dynamics.study.campaign.engine import goes_alone, goes_side_by_side, run_campaign, simulate_on_worker
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
+from rb_dynamics.study.campaign.repeated_run import SingleRun
 from rb_dynamics.study.campaign.store import Store, read_row, read_rows
 
 pytest.importorskip("pyarrow")
@@ -535,6 +536,15 @@ def test_a_rerun_without_a_row_says_so(tmp_path: Path, capsys: pytest.CaptureFix
     assert printed.err == f"note: no row of run 3 in {out} to compare with\n"
     assert next(line.split() for line in printed.out.splitlines() if "settled" in line) == ["settled", "never"]
     assert "nan" not in printed.out
+
+
+@pytest.mark.parametrize(("row_error", "in_row"), [("", "never"), ("too fast", "no value")])
+def test_a_rerun_says_never_only_of_a_time(row_error: str, in_row: str) -> None:
+    metrics = {"settled": math.nan, "rate": math.nan}
+    found = SingleRun(3, metrics, metrics, Path("run.mcap"), "", row_error, {"settled": "never", "rate": "no value"})
+    lines = [re.split(r" {2,}", line.strip()) for line in found.as_text().splitlines()]
+    told = {words[0]: words[1:] for words in lines if len(words) == 3}
+    assert told == {"settled": ["never", f"{in_row} in its row"], "rate": ["no value", "no value in its row"]}
 
 
 LAW = "def law(parameters):\n    return lambda measured: -{gain} * measured.angular_velocity_body\n"

@@ -145,6 +145,15 @@ def test_parameters_of_a_known_law(tmp_path: Path, parameters: str, message: str
         read_campaign(write(tmp_path, BARE + law))
 
 
+@pytest.mark.parametrize("form", ["choice: {values: [[1, 2], 3]}", "normal: {mean: [0, 0, 0], deviation: 0.1}"])
+def test_what_is_wrong_for_each_number_of_a_list_is_said_once(tmp_path: Path, form: str) -> None:
+    given = "initial.angular_velocity_body: {normal: {deviation: 0.2}}"
+    assert given in CAMPAIGN
+    with pytest.raises(SceneError) as raised:
+        read_campaign(write(tmp_path, CAMPAIGN.replace(given, f"initial.angular_velocity_body: {{{form}}}")))
+    assert len(str(raised.value).splitlines()) == 1
+
+
 def test_an_attitude_is_no_angle_from_the_target_of_another_law(tmp_path: Path) -> None:
     (tmp_path / "own_aim.py").write_text("def law(parameters):\n    return None\n")
     law = "control: {law: own_aim.law, rate: 4, parameters: {target: [0, 0, 1]}}\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -366,6 +367,34 @@ def test_the_page_draws_no_input_that_drives_nothing(tmp_path: Path, monkeypatch
     assert drawn() == 1
     rows["final_rate"] = rows[campaign.inputs[0].name]
     assert drawn() == 2
+
+
+def test_only_a_time_without_a_value_is_never(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table of failed runs said never of rates, and of runs that were not flown."""
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.report.campaign_page import campaign_report
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    (tmp_path / "own_sign.py").write_text(
+        "import numpy as np\n\n\ndef logarithm(samples):\n"
+        "    rate = samples.angular_velocity_body[:, 0]\n"
+        "    return np.where(rate > 0.4 * samples.time_ns / 1e9, rate, np.nan)\n"
+    )
+    text = CAMPAIGN.replace("worst_energy: {worst: energy}", "logarithm: {final: own_sign.logarithm}")
+    campaign = read_campaign(write(tmp_path, text))
+    rows = simulate_block(campaign, 0, 24)
+    rows["passed"][:2], rows["error"][0] = False, "too fast"
+    for metric in campaign.metrics:
+        rows[metric.name][:2] = math.nan
+    sections = {section.heading: section for section in campaign_report(campaign, rows).sections}
+    table = sections["Runs that failed"].table
+    assert table is not None
+    assert table.rows[0][1:] == ["no value", "no value", "no value", "too fast"]
+    assert table.rows[1][1:] == ["no value", "no value", "never", ""]
+    # At the end no run has a value of this quantity, and at the begin some.
+    rate, logarithm = (figure.caption for figure in sections["Over time"].figures)
+    assert "fewer" not in rate
+    assert re.search(r"; at some times of fewer, as \d+ of these runs have no value \(NaN\) there\.", logarithm)
 
 
 def test_the_page_counts_every_run_that_could_not_be_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
