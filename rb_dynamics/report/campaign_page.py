@@ -146,7 +146,8 @@ def _tiles(summary: CampaignSummary) -> list[Tile]:
 def _note(metric: MetricSummary) -> str:
     middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
     missing = f", no value in {metric.missing} runs" if metric.missing else ""
-    return f"median {value_text(middle, metric)}, most {metric.most:.4g}{missing}"
+    most = f", most {metric.most:.4g}" if metric.count else ""
+    return f"median {value_text(middle, metric)}{most}{missing}"
 
 
 def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> list[Section]:

@@ -236,8 +236,7 @@ def _metric(
     import numpy as np
 
     name, column = metric.name, rows[metric.name]
-    is_number = np.isfinite(column)
-    values = np.sort(column[is_number])
+    values = np.sort(column[~np.isnan(column)])
     count = len(values)
     flown, worst = column[is_flown], _worst(campaign, metric, rows, is_flown)
     # The time to an event that never happened counts as longer than any.

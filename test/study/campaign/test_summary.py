@@ -222,6 +222,27 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     assert "settled: no value in run 0" in as_text(campaign, summarise(campaign, never))
 
 
+def test_an_infinite_value_is_one(tmp_path: Path) -> None:
+    """It was counted among the runs without a value, and shown in the quantiles."""
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    rows["worst_energy"] = np.where(np.arange(36) == 5, np.inf, 1.0)
+    summary = summarise(campaign, rows)
+    energy = summary.metrics[1]
+    assert (energy.count, energy.missing, energy.most) == (36, 0, math.inf)
+    assert "worst       worst_energy: inf J, the largest, in run 5\n" in as_text(campaign, summary)
+    json.dumps(summary.as_dict(), allow_nan=False)
+
+
+def test_a_tile_of_what_was_never_reached_names_no_largest_value(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from rb_dynamics.report.campaign_page import campaign_report
+
+    campaign, rows = by_its_inputs(tmp_path, 36)
+    rows["settled"] = np.full(36, np.nan)
+    (tile,) = (each for each in campaign_report(campaign, rows).sections[0].tiles if "settled" in each.label)
+    assert (tile.value, tile.note) == ("never", "median never, no value in 36 runs")
+
+
 def test_lists_say_what_part_of_all_they_show(tmp_path: Path) -> None:
     campaign, rows = by_its_inputs(tmp_path, 36)
     rows["error"] = [*(7 * ["too fast"]), *(29 * [""])]
