@@ -106,6 +106,11 @@ def trade(
             f"measured over the first {trial.seconds:.6g} s of {trial.whole:g} s, for which the errors "
             "in the table hold; more time (--time) measures a longer part"
         )
+    if trial.path == 0.0 and trial.rate == 0.0:
+        remarks.append(
+            "the body does not move, so every setting is exact, and these errors say nothing of another motion; give "
+            "it a velocity, a rate, or a load that moves it"
+        )
     table = WorkPrecision(replace(trial, horizon=scene.duration), reference, truth, target)
     refinements = refinements_for(trial) if reference.is_useful else []
     if names is not None:

@@ -485,3 +485,11 @@ def test_a_scene_that_one_method_takes_is_refused_at_once(monkeypatch: pytest.Mo
     monkeypatch.setattr(module, "_FAMILIES", ("taylor", "dop853"))
     with pytest.raises(ConvergenceError, match="only dop853 takes reaction_wheel; leave these out"):
         trade(parse_scene(WHEEL), time_s=1.0)
+
+
+def test_errors_of_a_body_that_does_not_move_are_said_to_tell_nothing() -> None:
+    """Any method with any step was recommended, as exact."""
+    told = "the body does not move, so every setting is exact"
+    for text, rests in ((SPINNING[: SPINNING.index("initial")], True), (SPINNING, False)):
+        found = trade(parse_scene(text + "wrenches: []\nduration: 2\n"), time_s=1.0, methods=["rk4"], clock=CLOCK)
+        assert any(remark.startswith(told) for remark in found.remarks) is rests
