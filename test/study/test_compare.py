@@ -727,10 +727,10 @@ def test_a_viewer_that_takes_nothing_is_given_up(
     assert f"viewer at {address} received nothing for 0.5 s" in capsys.readouterr().err
 
 
-def test_a_comparison_is_computed_before_a_viewer_waits(
+def test_a_comparison_is_computed_before_its_recording_is_opened(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As the time that it takes would count against the viewer."""
+    """As the time that it takes would count against a viewer."""
     pytest.importorskip("rerun")
     from rb_dynamics.report import comparison_rerun, comparison_text
 
@@ -740,11 +740,11 @@ def test_a_comparison_is_computed_before_a_viewer_waits(
         order.append(call)
         return call(given)
 
-    as_text, sending_to = comparison_text.as_text, comparison_rerun.sending_to
+    as_text, renamed = comparison_text.as_text, comparison_rerun.renamed
     monkeypatch.setattr(comparison_text, "as_text", partial(noted, as_text))
-    monkeypatch.setattr(comparison_rerun, "sending_to", partial(noted, sending_to))
+    monkeypatch.setattr(comparison_rerun, "renamed", partial(noted, renamed))
     comparison_rerun.write_comparison_recording(rb.compare(log, log), tmp_path / "two.rrd")
-    assert order == [as_text, sending_to]
+    assert order == [as_text, renamed]
     assert (tmp_path / "two.rrd").stat().st_size > 5_000
 
 

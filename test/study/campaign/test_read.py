@@ -99,7 +99,6 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], message:
         read_campaign(write(tmp_path, CAMPAIGN.replace(*change)))
 
 
-<<<<<<< HEAD
 def test_limits_that_can_be_met_are_accepted(tmp_path: Path) -> None:
     text = CAMPAIGN.replace(
         "final_rate: {below: 0.25}", "final_rate: {above: -1, below: 1e-300}\n  settled: {above: 1.99}"
@@ -110,8 +109,6 @@ def test_limits_that_can_be_met_are_accepted(tmp_path: Path) -> None:
     assert len(read_campaign(write(tmp_path, longer)).requirements) == 2
 
 
-=======
->>>>>>> e2b63389 (The test of a list in a distribution stands by itself)
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [
