@@ -20,8 +20,6 @@ _STREAM, _FEW, _EVEN = 100, 3, 5.0
 LONG_INTERVALS, LONG_S, _PART = 10.0, 1.0, 0.2
 # Stamps are strays if they are at most this fraction of all, and this many times as far away as the rest lasts.
 _STRAY, _AWAY = 0.01, 10.0
-# One of so many may be stamped far from when it was recorded.
-_STRAY_OF = 8
 # rad by which a body may turn while nothing measures it, so that its motion is still followed.
 _FOLLOWED = 1.0
 # Number of gaps listed individually.
@@ -88,21 +86,6 @@ def without_strays(time_ns: Times) -> slice:
     late = np.flatnonzero(np.diff(after) > _AWAY * (after[:-1] - first))
     begin = int(early[-1]) + 1 if len(early) else 0
     return slice(begin, len(time_ns) - few + int(late[0]) if len(late) else len(time_ns))
-
-
-def misstamped(log_times: Times, stamps: Times) -> tuple[NDArray[np.bool_], Times]:
-    """Return which of some messages are stamped far from when they were recorded, and by which stamps they were sent.
-
-    A few are, by more than ten times as long as all were recorded. One from long before the others is not, if it is the
-    first: it may be kept for who joins late.
-    """
-    behind = (log_times - stamps).astype(np.float64)
-    usual = float(np.median(behind)) if len(behind) else 0.0
-    off: NDArray[np.bool_] = np.abs(behind - usual) > _AWAY * max(float(np.ptp(log_times, axis=0)), LONG_S * 1e9)
-    off[:1] &= behind[:1] < usual
-    if not 0 < off.sum() <= max(1, _STRAY * len(off)) or len(off) < _STRAY_OF:
-        off[:] = False
-    return off, log_times - round(usual)
 
 
 def strays(time_ns: Times) -> Times:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
 from rb_dynamics.analysis.clocks import APART
-from rb_dynamics.analysis.gaps import misstamped, strays
+from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -46,6 +46,7 @@ from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.stamp_order import Disorder, disorder, standing
+from rb_dynamics.logs.stray_stamps import StrayStamps
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
@@ -798,8 +799,10 @@ def _steps(
     moved = np.empty(0, np.int64)
     if stamped and RUN not in bag.metadata:
         logged = np.array([log_time for log_time, _ in commands], dtype=np.int64)
-        far_off, place = misstamped(logged, times)
-        moved, times = times[far_off], np.where(far_off, place, times)
+        lags = StrayStamps()
+        lags.add(logged, times)
+        if found := lags.found:
+            moved, times = times[found.among(logged, times)], found.placed(logged, times)
     far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
     if len(far):
         near = np.flatnonzero(~np.isin(times, far))

@@ -35,6 +35,7 @@ from rb_dynamics.logs.messages import APPLIED, decode_setpoint, is_state_change
 from rb_dynamics.logs.recorded_commands import commands_of
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.stamp_order import BACK_NS, disorder
+from rb_dynamics.logs.stray_stamps import Strays, StrayStamps
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.unset_stamps import ALWAYS, FAR_NS, UnsetStamps, unset
 
@@ -130,6 +131,8 @@ class _Recording:
         sum_ns: that of each of them, summed.
         stamped: how many these are.
         unset_ns: the same as `behind_ns`, of those whose stamp is 0; None without any.
+        lags: how far the stamps of the commands on each topic are from their log times.
+        strays: the topics of which a few commands go by their log times, as they are stamped far from these.
         zeros: which commands on each topic have a stamp of 0.
         fills: topics of which commands without a stamp go by their log times, put on the clock of the others, and the
             log time after which a stamp of 0 is none.
@@ -170,6 +173,8 @@ class _Recording:
     sum_ns: float = 0.0
     stamped: int = 0
     unset_ns: int | None = None
+    lags: dict[str, StrayStamps] = field(default_factory=dict)
+    strays: Mapping[str, Strays] = field(default_factory=dict)
     zeros: dict[str, UnsetStamps] = field(default_factory=dict)
     fills: Mapping[str, int] = field(default_factory=dict)
     still: int = 0
@@ -248,6 +253,12 @@ class _Recording:
         return not self.ours and (self.setpoints.first_ns is not None or self.by_log or bool(self.fills))
 
     @property
+    def stray(self) -> dict[str, Strays]:
+        """The `strays` that its commands need."""
+        found = {} if self.ours else {name: each.found for name, each in self.lags.items()}
+        return {name: strays for name, strays in found.items() if strays is not None}
+
+    @property
     def partly_unset(self) -> dict[str, int]:
         """The `fills` that its commands need: some have a stamp, and some a stamp of 0 only because nobody set it."""
         if self.ours or self.behind_ns is None or self.unset_ns is None:
@@ -290,6 +301,7 @@ class _Recording:
         """Take the times of further commands of a channel."""
         channel, stamps_ns, bare = id(of), batch.stamps, batch.log_times
         if named_type(of) == WRENCH:
+            self.lags.setdefault(of.topic, StrayStamps()).add(batch.log_times, stamps_ns)
             self.zeros.setdefault(of.topic, UnsetStamps()).add(batch.log_times, stamps_ns)
             bare = bare[batch.unset]
         else:
@@ -372,6 +384,9 @@ class RecordedWrenches:
             self._take({**self._mapping, **in_namespace})
             self._bags = [self._looked_through(bag) for bag in self._bags]
         self._bags = [
+            self._looked_through(replace(bag, strays=found)) if (found := bag.stray) else bag for bag in self._bags
+        ]
+        self._bags = [
             self._looked_through(replace(bag, fills=found)) if (found := bag.partly_unset) else bag
             for bag in self._bags
         ]
@@ -382,6 +397,7 @@ class RecordedWrenches:
             if beside and not bag.count:
                 bag.beside = min(beside, key=lambda each: _pause_ns(bag, each)).line
         self.notes: list[str] = [unset_stamps.told(bag.path) for bag in self._bags if bag.fills]
+        self.notes += (each.told(bag.path, topic) for bag in self._bags for topic, each in bag.strays.items())
         self.notes += (f"{topic} is taken for {name} of the scene" for topic, name in in_namespace.items())
         if start != "stamp":
             self._begin(start)
@@ -585,7 +601,7 @@ class RecordedWrenches:
             LogError: it cannot be read or is damaged.
         """
         known = bag.line if bag.by_log or bag.fills or bag.offset_ns or bag.beside else None
-        bag = _Recording(bag.path, bag.by_log, bag.offset_ns, fills=bag.fills, known=known)
+        bag = _Recording(bag.path, bag.by_log, bag.offset_ns, strays=bag.strays, fills=bag.fills, known=known)
         source = open_source(bag.path)
         for block in source.blocks():
             bag.begin_ns = _first(bag.begin_ns, int(block.log_times.min()))
@@ -816,6 +832,8 @@ def _batch(
     except LogError:
         _require_whole(source, block, kind)
         raise
+    if strays := bag.strays.get(block.channel.topic):
+        stamps = strays.placed(topic.log_times, stamps)
     times = bag.line.stamps(topic.log_times) if bag.by_log else stamps
     bare = stamps == 0
     if bag.fills:

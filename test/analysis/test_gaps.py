@@ -13,7 +13,7 @@ from tumbling import TWIST, WRENCH, bag_of, failing, fill, spin, summary_of
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.checks import losses
-from rb_dynamics.analysis.gaps import holes, misstamped, silences, told, without_strays
+from rb_dynamics.analysis.gaps import holes, silences, told, without_strays
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import read_bag
@@ -239,12 +239,3 @@ def test_a_command_with_a_stamp_far_off_acts_when_it_was_recorded(tmp_path: Path
     assert found.force[:, 0].tolist() == [*range(20)]
     (said,) = found.faults(WALL_NS)
     assert re.search(r"1 of 20 stamps is far from all the others, .* and taken at the log time instead", said)
-
-
-def test_a_command_that_is_kept_from_long_ago_and_a_clock_that_was_set_are_not_moved() -> None:
-    logged = np.arange(20) * 100_000_000
-    stamps = logged.copy()
-    stamps[0] -= 10**18
-    assert not misstamped(logged, stamps)[0].any()
-    stamps[10:] -= 10**18
-    assert not misstamped(logged, stamps)[0].any()

@@ -180,6 +180,23 @@ def test_stamps_within_the_run_stand(tmp_path: Path) -> None:
     assert (found.late, found.notes) == (1, [])
 
 
+@pytest.mark.parametrize("by_ns", [-(10**18), -3_600_000_000_000, 3_600_000_000_000, 10**17])
+@pytest.mark.parametrize("start", ["auto", "bag", "stamp"])
+def test_one_stamped_far_from_when_it_was_recorded_moves_neither_time_0_nor_the_others(
+    tmp_path: Path, by_ns: int, start: Start
+) -> None:
+    """From an early one, time 0 was its stamp, and all the others came after the end."""
+    zero_ns = 0 if start == "stamp" else WALL_NS
+    rows = [
+        ("/wrench", STAMPED, WALL_NS + i * 100_000_000, stamped(zero_ns + i * 100_000_000 + (i == 7) * by_ns, 1.0 + i))
+        for i in range(20)
+    ]
+    found = RecordedWrenches([write_rows(tmp_path / "a.mcap", rows)], ["wrench"], 10 * SECOND, start=start)
+    times = [(wrench.stamp_ns, wrench.force[0]) for _, wrench in found]
+    assert times == [(i * 100_000_000, 1.0 + i) for i in range(20)]
+    assert "commands of /wrench is stamped far from when it was recorded, and acts then" in found.notes[0]
+
+
 def test_a_command_stamped_before_it_was_recorded_is_the_start(tmp_path: Path) -> None:
     bag = write_rows(tmp_path / "a.mcap", [("/wrench", STAMPED, WALL_NS, stamped(WALL_NS - 2_000_000, 1.0))])
     assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], SECOND, start="auto")] == [0]
