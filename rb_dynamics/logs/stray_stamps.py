@@ -23,14 +23,14 @@ class Strays(NamedTuple):
     """The strays of a topic.
 
     Attributes:
-        count: how many there are.
+        number: how many there are.
         of: of how many messages.
         usual_ns: by how much the others were recorded after their stamps.
         away_ns: a delay that differs by more from `usual_ns` is that of a stray.
         first: log time and stamp of the message that was recorded first, ns.
     """
 
-    count: int
+    number: int
     of: int
     usual_ns: int
     away_ns: int
@@ -52,10 +52,10 @@ class Strays(NamedTuple):
         """Return a sentence about them."""
         which = (
             "is stamped far from when it was recorded, and acts"
-            if self.count == 1
+            if self.number == 1
             else ("are stamped far from when they were recorded, and act")
         )
-        return f"{path}: {self.count} of the {self.of} commands of {topic} {which} then"
+        return f"{path}: {self.number} of the {self.of} commands of {topic} {which} then"
 
 
 class StrayStamps:

@@ -384,7 +384,7 @@ class RecordedWrenches:
             self._take({**self._mapping, **in_namespace})
             self._bags = [self._looked_through(bag) for bag in self._bags]
         self._bags = [
-            self._looked_through(replace(bag, strays=found)) if (found := bag.stray) else bag for bag in self._bags
+            self._looked_through(replace(bag, strays=stray)) if (stray := bag.stray) else bag for bag in self._bags
         ]
         self._bags = [
             self._looked_through(replace(bag, fills=found)) if (found := bag.partly_unset) else bag

@@ -39,7 +39,7 @@ def test_a_first_one_from_the_future_is_a_stray_and_one_from_the_past_is_kept_fo
         stamps = LOGGED.copy()
         stamps[0] += by_ns
         found = found_in(LOGGED, stamps)
-        assert (found and found.count) == count
+        assert (found and found.number) == count
 
 
 def test_a_clock_that_was_set_two_strays_of_twenty_and_stamps_of_0_are_none() -> None:
