@@ -107,7 +107,8 @@ def read_csv_flight(
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
     channels = [*_wrench(found, measured, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
-    return Flight(path, tuple(streams), tuple(channels), (*notes, *([] if channels else [NO_WRENCH])))
+    notes += [] if channels else [NO_WRENCH]
+    return Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero)
 
 
 def _wrench(

@@ -101,6 +101,7 @@ class Flight:
         notes: remarks for the user on how it was read.
         moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
         set_ns: when the clock was set forward, likewise: the last stamp before.
+        zero_ns: the stamp at which its times begin.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Flight:
     notes: tuple[str, ...] = ()
     moved_ns: tuple[int, ...] = ()
     set_ns: tuple[int, ...] = ()
+    zero_ns: int = 0
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -457,6 +459,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         (*notes, *([] if channels else [NO_WRENCH])),
         moved,
         () if own else _set_forward(track, zero),
+        zero,
     )
     return found if own else found.between_commands()
 

@@ -133,6 +133,7 @@ class Identification:
         validation: residuals of recordings that were held out; of those the start alone is fitted.
         chance: that a fit to those differs at least as much from this one, if both are of one body, and 0 if no body
             explains them; None if they are predicted.
+        zero_ns: the stamp in the first recording that is time 0 of `scene`.
     """
 
     recordings: tuple[str, ...]
@@ -152,6 +153,7 @@ class Identification:
     omissions: tuple[Omission, ...] = ()
     validation: tuple[Residuals, ...] = ()
     chance: float | None = None
+    zero_ns: int = 0
 
     @property
     def explained(self) -> bool:
@@ -683,6 +685,7 @@ class _Report:
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),
+            zero_ns=self.model.flights[0].zero_ns,
         )
 
     def shift(self, step: Array) -> float:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from rb_dynamics.cli.scene_arguments import add_scene
@@ -96,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         with OutputFile.whole(Path(args.out)) as file:
             file.write(found.scene.text.encode())
-        print(f"wrote {args.out}", file=output.note_of(args))
+        print(f"wrote {args.out}{_time_0(found)}", file=output.note_of(args))
     if args.html:
         from rb_dynamics.report.identification_page import identification_report
 
@@ -104,6 +105,15 @@ def run(args: argparse.Namespace) -> int:
     for line in (*found.unexplained, *_missing(found)):
         print(f"rb-dynamics: {line}", file=sys.stderr)
     return 0 if found.passed else 1
+
+
+def _time_0(found: Identification) -> str:
+    """Return which stamp is time 0 of the scene, and how its commands begin there; "" if it is stamp 0."""
+    if not found.zero_ns:
+        return ""
+    at_s = Decimal(found.zero_ns).scaleb(-9)
+    told = f": its time 0 is stamp {at_s} s of {found.recordings[0]}"
+    return f"{told}; fly commands of that clock with --wrench-start {at_s}"
 
 
 def _columns(texts: Sequence[str]) -> dict[str, list[str]]:

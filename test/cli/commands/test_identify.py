@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rb_dynamics import read_scene
+from rb_dynamics import Simulation, parse_scene, read_scene
 from rb_dynamics.cli import main
 
 TUMBLE = """
@@ -48,6 +48,20 @@ def test_ratios_of_a_tumble_are_found_and_written(
     assert ratios == [pytest.approx(2.5 / 5.5, rel=1e-5)]
     assert found["residuals"]["/twist"]["count"] == 101
     assert sorted(read_scene(out).body.principal_moments)[2] == pytest.approx(6.0 * 2.5 / 5.5, rel=1e-5)
+
+
+def test_the_stamp_at_which_a_written_scene_begins_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where stamps begin within the run, time 0 of the commands is stamp 0 otherwise: they act too late."""
+    scene, table, out = (tmp_path / name for name in ("tumble.yaml", "gyro.csv", "fitted.yaml"))
+    scene.write_text(TUMBLE, encoding="utf-8")
+    run, rows = Simulation(parse_scene(TUMBLE)), []
+    for k in range(101):
+        run.advance(k * 20_000_000)
+        rows.append(f"{1.25 + 0.02 * k:.2f},{','.join(map(repr, run.sample.angular_velocity_body))}")
+    table.write_text("\n".join(["time_s,wx,wy,wz", *rows]), encoding="utf-8")
+    given = ["--columns", "gyro=wx,wy,wz", "--fit", "inertia_ratios", "--out", str(out)]
+    assert main(["identify", str(scene), str(table), *given]) == 0
+    assert f"time 0 is stamp 1.250000000 s of {table}; fly" in capsys.readouterr().out
 
 
 def test_what_is_asked_for_and_not_told_is_code_1(
