@@ -82,9 +82,13 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
         return _opened(path, on_fact=on_fact)
     mode, files = _files(path)
     there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
-    if files and (not there or any(file.exists() for file in files)):
+    if any(file.exists() for file in files):
         _require_named(path, files, there)
         return SplitBag(path, [file for file in files if file.exists()], mode, on_fact, _absent_before(files))
+    if files and not there:
+        raise LogError(
+            f"{path} has none of the files that its {METADATA_FILE} names: {files[0]} is missing; check the path"
+        )
     if files:
         raise LogError(
             f"{path} has none of the files that its {METADATA_FILE} names ({files[0].name}), but {there[0]}: it was "

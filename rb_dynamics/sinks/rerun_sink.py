@@ -674,7 +674,9 @@ def _release() -> None:
     """Free what Rerun keeps of recordings without references: some MB and two threads each."""
     from rerun_bindings import flush_and_cleanup_orphaned_recordings
 
-    flush_and_cleanup_orphaned_recordings()  # as `rerun.init` does; nothing else of its interface frees them
+    # Also one whose viewer is gone may be among them: that is no error of this one.
+    with contextlib.suppress(RuntimeError):
+        flush_and_cleanup_orphaned_recordings()  # as `rerun.init` does; nothing else of its interface frees them
 
 
 def _recentre(start: Vector, size: float) -> Vector:

@@ -84,11 +84,11 @@ def test_figures_of_a_campaign_can_be_read() -> None:
     assert [(curve.label, curve.look) for curve in histogram.curves] == [("passed", "bars"), ("failed", "bars")]
     assert sum(curve.points[1].sum() for curve in histogram.curves) == len(values)
     assert [shape["x0"] for shape in histogram.shapes] == [1.8]
-    (bars,) = campaign_figures.sensitivities([("settling", [("body.mass", 0.5), ("control.gain", -0.2)])], 0.1).plots()
+    (bars,) = campaign_figures.sensitivities([("settling", [("body.mass", 0.5), ("control.gain", -0.2)], 0.1)]).plots()
     assert sorted(bars.curves[0].points[0].tolist()) == [-0.2, 0.5]
     assert [(shape["x0"], shape["x1"]) for shape in bars.shapes] == [(-0.1, 0.1)]
     assert {note["text"] for note in bars.notes} == {"mass", "gain"}
-    (bars,) = campaign_figures.sensitivities([("never settled", [])], 0.1).plots()
+    (bars,) = campaign_figures.sensitivities([("never settled", [], 0.1)]).plots()
     assert bars.curves == []
     (dots,) = campaign_figures.scatters([("body.mass", "settling [s]", values, 2.0 * values, passed)]).plots()
     assert [len(curve.points[0]) for curve in dots.curves] == [passed.sum(), (~passed).sum()]
