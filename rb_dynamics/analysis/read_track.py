@@ -48,6 +48,7 @@ from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bur
 from rb_dynamics.logs.stamp_order import Disorder, disorder, standing
 from rb_dynamics.logs.stray_stamps import StrayStamps
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
+from rb_dynamics.logs.unset_stamps import WHEN
 from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
@@ -583,8 +584,7 @@ class _TrackReader:
             )
         self.uses |= {topic: "wrench" if topic in chosen else "commands" for topic in topics}
         self.notes += (
-            f"{topic}: {self.bag.unset[topic]} of {self.bag.topics[topic].count} commands have no stamp: each of these "
-            "acts when it was recorded."
+            f"{topic}: {self.bag.unset[topic]} of {self.bag.topics[topic].count} commands have no stamp: {WHEN}."
             for topic in sorted({*chosen} & {*self.bag.unset})
         )
         steps = tuple(

@@ -35,7 +35,7 @@ from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
-from rb_dynamics.logs.unset_stamps import UnsetStamps, unset
+from rb_dynamics.logs.unset_stamps import UnsetStamps
 
 # Of each kind of quantity: the types that carry it, and where it stands in the numbers of a `Topic`.
 # In the order in which they are preferred.
@@ -217,12 +217,12 @@ def _stamp_commands(bag: Bag) -> None:
     for topic in bag.topics.values():
         if topic.type_name != types.WRENCH or not topic.count or not topic.stamps_given:
             continue
-        found = UnsetStamps()
-        found.add(topic.log_times, topic.stamps)
-        rows = unset(topic.log_times, topic.stamps, found.after_ns)
-        if rows.any():
+        stamps = UnsetStamps()
+        stamps.add(topic.log_times, topic.stamps)
+        if found := stamps.found:
+            rows = found.among(topic.log_times, topic.stamps)
             bag.unset[topic.name] = int(rows.sum())
-            topic.stamp(rows, _line_of(bag, topic).stamps(topic.log_times[rows]))
+            topic.stamp(rows, found.placed(topic.log_times[rows], _line_of(bag, topic)))
 
 
 def _line_of(bag: Bag, commands: Topic) -> ClockLine:

@@ -37,7 +37,7 @@ from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bur
 from rb_dynamics.logs.stamp_order import BACK_NS, disorder
 from rb_dynamics.logs.stray_stamps import Strays, StrayStamps
 from rb_dynamics.logs.topics_of_channels import names_in_scene
-from rb_dynamics.logs.unset_stamps import ALWAYS, FAR_NS, UnsetStamps, unset
+from rb_dynamics.logs.unset_stamps import ALWAYS, FAR_NS, Unset, UnsetStamps
 
 _logger = logging.getLogger(__name__)
 
@@ -176,7 +176,7 @@ class _Recording:
     lags: dict[str, StrayStamps] = field(default_factory=dict)
     strays: Mapping[str, Strays] = field(default_factory=dict)
     zeros: dict[str, UnsetStamps] = field(default_factory=dict)
-    fills: Mapping[str, int] = field(default_factory=dict)
+    fills: Mapping[str, Unset] = field(default_factory=dict)
     still: int = 0
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
@@ -259,13 +259,13 @@ class _Recording:
         return {name: strays for name, strays in found.items() if strays is not None}
 
     @property
-    def partly_unset(self) -> dict[str, int]:
+    def partly_unset(self) -> dict[str, Unset]:
         """The `fills` that its commands need: some have a stamp, and some a stamp of 0 only because nobody set it."""
         if self.ours or self.behind_ns is None or self.unset_ns is None:
             return {}
         far = abs(self.unset_ns - self.behind_ns) > _ONE_CLOCK_NS
-        after_ns = {name: ALWAYS if far else each.after_ns for name, each in self.zeros.items()}
-        return {name: at for name, at in after_ns.items() if at is not None}
+        found = {name: Unset(ALWAYS, each.delay_ns) if far else each.found for name, each in self.zeros.items()}
+        return {name: each for name, each in found.items() if each is not None}
 
     @property
     def start_ns(self) -> int:
@@ -836,10 +836,12 @@ def _batch(
         stamps = strays.placed(topic.log_times, stamps)
     times = bag.line.stamps(topic.log_times) if bag.by_log else stamps
     bare = stamps == 0
-    if bag.fills:
-        bare = unset(topic.log_times, stamps, bag.fills.get(block.channel.topic))
-        stamps = np.where(bare, bag.line.stamps(topic.log_times), stamps)
+    if fills := bag.fills.get(block.channel.topic):
+        bare = fills.among(topic.log_times, stamps)
+        stamps = np.where(bare, fills.placed(topic.log_times, bag.line), stamps)
         times = times if bag.by_log else stamps
+    elif bag.fills:
+        bare = np.zeros(topic.count, dtype=bool)
     time_ns, (number, chunk) = times - bag.offset_ns, place
     arrival = np.column_stack([np.full(topic.count, number), topic.log_times, chunk + block.begins])
     commands = commands_of(topic, block, channel, time_ns, time_ns, arrival)

@@ -11,6 +11,7 @@ from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.unset_stamps import WHEN
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.study.compare import compare
 
@@ -30,19 +31,22 @@ def commands(log_ns: int, stamps: list[int | None], zero_ns: int = 0) -> list[Ro
 @pytest.mark.parametrize("zero_ns", [0, WALL_NS])
 @pytest.mark.parametrize("bare", [1, 3])
 def test_simulate_and_inspect_let_it_act_when_it_was_recorded(tmp_path: Path, zero_ns: int, bare: int) -> None:
-    """At 1970 the command before it acted on in its place; in a simulation's time it acted at 0, without a word."""
+    """At 1970 the command before it acted on in its place; in a simulation's time it acted at 0, without a word.
+
+    Without the delay of the others, it alone would act late.
+    """
     rows = commands(zero_ns, [None if k == bare else k * SECOND + 1 for k in range(4)], zero_ns)
     bag = write_rows(tmp_path / "a.mcap", rows)
-    times = [zero_ns + k * SECOND + (7 if k == bare else 1) for k in range(4)]
+    times = [zero_ns + k * SECOND + 1 for k in range(4)]
     flown = RecordedWrenches([bag], ["wrench"], start="stamp")
     assert [(wrench.stamp_ns, wrench.force[0]) for _, wrench in flown] == list(
         zip(times, (1.0, 2.0, 3.0, 4.0), strict=True)
     )
-    assert flown.notes == [f"{bag}: some of its commands have no stamps: each of these acts when it was recorded"]
+    assert flown.notes == [f"{bag}: some of its commands have no stamps: {WHEN}"]
     track = read_track(read_bag(bag))
     (seen,) = track.wrenches
     assert (seen.time_ns.tolist(), seen.force[:, 0].tolist()) == (times, [1.0, 2.0, 3.0, 4.0])
-    assert "/wrench: 1 of 4 commands have no stamp: each of these acts when it was recorded." in track.notes
+    assert f"/wrench: 1 of 4 commands have no stamp: {WHEN}." in track.notes
     part = part_of(track, (bare - 0.5, bare + 0.5)).topics["/wrench"]
     assert part.stamps.tolist() == times[bare - 1 : bare + 1]
 
@@ -57,10 +61,21 @@ def test_log_times_of_another_clock_are_put_on_that_of_the_stamps(tmp_path: Path
 
 def test_where_the_clock_begins_at_0_the_first_stamps_of_0_are_stamps(tmp_path: Path) -> None:
     """A simulation that is paused takes several commands at 0."""
-    bag = write_rows(tmp_path / "a.mcap", commands(0, [0, 0, SECOND, 2 * SECOND]))
+    bag = write_rows(tmp_path / "a.mcap", commands(WALL_NS, [0, 0, SECOND, 2 * SECOND]))
     flown = RecordedWrenches([bag], ["wrench"], start="stamp")
     times = [0, 0, SECOND, 2 * SECOND]
     assert [wrench.stamp_ns for _, wrench in flown] == times
+    (seen,) = read_track(read_bag(bag)).wrenches
+    assert seen.time_ns.tolist() == times
+
+
+def test_a_first_one_without_a_stamp_of_a_recording_that_begins_late_acts_when_it_was_recorded(tmp_path: Path) -> None:
+    """It was held from long before the recording, without a word."""
+    bag = write_rows(tmp_path / "a.mcap", commands(20 * SECOND, [None, SECOND, 2 * SECOND], 20 * SECOND))
+    flown = RecordedWrenches([bag], ["wrench"], start="stamp")
+    times = [20 * SECOND, 21 * SECOND, 22 * SECOND]
+    assert [wrench.stamp_ns for _, wrench in flown] == times
+    assert "some of its commands have no stamps" in flown.notes[0]
     (seen,) = read_track(read_bag(bag)).wrenches
     assert seen.time_ns.tolist() == times
 
@@ -81,4 +96,4 @@ def test_compare_finds_the_same_commands_with_and_without_the_stamp(tmp_path: Pa
         bags.append(write_rows(tmp_path / f"{name}.mcap", rows))
     found = compare(*bags)
     assert found.commands == []
-    assert f"{bags[1]}: some of its commands have no stamps: each of these acts when it was recorded" in found.notes
+    assert f"{bags[1]}: some of its commands have no stamps: {WHEN}" in found.notes
