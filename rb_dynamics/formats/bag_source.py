@@ -84,7 +84,7 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
     if any(file.exists() for file in files):
         _require_named(path, files, there)
-        return SplitBag(path, [file for file in files if file.exists()], mode, on_fact, _absent_before(files))
+        return SplitBag(path, [file for file in files if file.exists()], mode, on_fact, absent_before(files))
     if files and not there:
         raise LogError(
             f"{path} has none of the files that its {METADATA_FILE} names: {files[0]} is missing; check the path"
@@ -100,7 +100,7 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     )
 
 
-def _absent_before(files: Sequence[Path]) -> dict[Path | None, list[str]]:
+def absent_before(files: Sequence[Path]) -> dict[Path | None, list[str]]:
     """Return the names of those that are not there, by the next one that is; None behind the last."""
     absent: dict[Path | None, list[str]] = {}
     lacking: list[str] = []
@@ -194,7 +194,7 @@ class SplitBag:
             if before is None and absent:
                 lost = {**lost, "reason": DAMAGED, MISSING_FILES: ", ".join(absent)}
             elif before is not None:
-                absent = absent or self._absent(before, file)
+                absent = absent or absent_between(before.path, file.path, next_file(before.metadata), self.files)
                 lost = _between(before, file, lost, absent)
                 self.boundaries += [] if absent else _boundary(before, file)
             lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
@@ -207,20 +207,6 @@ class SplitBag:
             lost = _joined(self.metadata.get(INTERRUPTED, {}), {MISSING_FILES: ", ".join(absent)})
             self.metadata[INTERRUPTED] = {**lost, "reason": CUT_OFF}
         self.complete = complete
-
-    def _absent(self, before: _File, after: _File) -> list[str]:
-        """Return the files between two that are not there, as the first says, or the numbers of rosbag2 from 0 on."""
-        if expected := next_file(before.metadata):
-            return [expected] if expected != after.path.name else []
-        named = [_NUMBERED.fullmatch(each.path.name) for each in (before, after)]
-        if (one := named[0]) is None or (other := named[1]) is None:
-            return []
-        name, suffix = one[1], one[3]
-        skipped = range(int(one[2]) + 1, int(other[2]))
-        begins = any(file.name.startswith(f"{name}0{suffix}") for file in self.files)
-        if (other[1], other[3]) != (name, suffix) or not begins or len(skipped) > _MOST_SKIPPED:
-            return []
-        return [f"{name}{number}{suffix}" for number in skipped]
 
     @contextlib.contextmanager
     def _whole(self, path: Path) -> Iterator[_File]:
@@ -250,6 +236,24 @@ class SplitBag:
             where = f"on {message.channel.topic}, log time {message.log_time} ns,"
             raise LogError(f"{self.path} is damaged: a message {where} {fault}; record it again")
         return message._replace(data=bytes(data))
+
+
+def absent_between(before: Path, after: Path, following: str, files: Sequence[Path]) -> list[str]:
+    """Return the names of the files of a bag that are not there between two of its `files`.
+
+    `following` is the name of the next file as the first says it; where it does not, the numbers of rosbag2 tell.
+    """
+    if following:
+        return [following] if following != after.name else []
+    named = [_NUMBERED.fullmatch(each.name) for each in (before, after)]
+    if (one := named[0]) is None or (other := named[1]) is None:
+        return []
+    name, suffix = one[1], one[3]
+    skipped = range(int(one[2]) + 1, int(other[2]))
+    begins = any(file.name.startswith(f"{name}0{suffix}") for file in files)
+    if (other[1], other[3]) != (name, suffix) or not begins or len(skipped) > _MOST_SKIPPED:
+        return []
+    return [f"{name}{number}{suffix}" for number in skipped]
 
 
 def _cut(file: _File) -> bool:

@@ -6,12 +6,12 @@ Copies what can be read, byte for byte, and reports what could not. The damaged 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_source import in_order
+from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order
 from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
 from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
@@ -32,7 +32,9 @@ class Recovered:
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
         unchecked: messages have no checksum, so that changed bytes in them would not be seen.
-        next_file: name of the file in which the old one says that it continues; "" if it does not say so.
+        next_file: name of the file in which the old one says that it continues, or after the last the metadata of the
+            bag; "" if they do not say so.
+        absent_before: names of files of the bag between the one before and this one that are not there.
     """
 
     file: BagFile
@@ -42,6 +44,7 @@ class Recovered:
     missing: list[tuple[int, int]]
     unchecked: bool = False
     next_file: str = ""
+    absent_before: Sequence[str] = ()
 
     @property
     def complete(self) -> bool:
@@ -71,9 +74,23 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     if not any(map(_says_something, files)):
         raise _nothing(source)
     saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
+    named = _named_but_absent(source)
+    for number, (file, each) in enumerate(zip(files, saved, strict=True)):
+        each.absent_before = named.get(file, [])
+        if number and not each.absent_before:
+            each.absent_before = absent_between(files[number - 1], file, saved[number - 1].next_file, files)
+    saved[-1].next_file = saved[-1].next_file or next(iter(named.get(None, ())), "")
     channels = {channel.topic: channel for each in saved for channel in each.channels}
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
+
+
+def _named_but_absent(folder: Path) -> dict[Path | None, list[str]]:
+    """Return the names of files that the metadata of a bag name and that are not there, by the next one that is."""
+    try:
+        return absent_before(bag_facts(folder).files)
+    except (FileNotFoundError, LogError):
+        return {}
 
 
 def _says_something(path: Path, part: bool = True) -> bool:

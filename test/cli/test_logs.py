@@ -265,7 +265,7 @@ def test_recover_names_a_file_that_is_missing(scene: Path, tmp_path: Path, capsy
     assert main(["simulate", str(scene), "--set", "duration=0.3", *split]) == 0
     (folder / "bag_1.mcap").unlink()
     assert main(["recover", str(folder), saved]) == 1
-    assert "the next file, bag_1.mcap, is missing" in capsys.readouterr().out
+    assert "\nbag_1.mcap is missing\n" in capsys.readouterr().out
     (folder / "bag_2.mcap").unlink()
     assert main(["recover", str(folder), saved]) == 0
     assert "the next file, bag_1.mcap, is missing" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 import struct
 from pathlib import Path
@@ -268,3 +269,34 @@ def test_a_flip_that_no_checksum_shows_is_not_ruled_out(
     assert all("the file was whole" in each for each in told.values())
     assert "cannot be known" in told[False]
     assert "cannot be known" not in told[True]
+
+
+@pytest.mark.parametrize(
+    ("gone", "metadata", "code", "said"),
+    [
+        (1, False, 1, "\nsplit_1.mcap is missing"),
+        (1, True, 1, "\nsplit_1.mcap is missing"),
+        (0, True, 1, "split_0.mcap is missing"),
+        (2, True, 0, "the next file, split_2.mcap, is missing"),
+        (2, False, 0, ""),
+        (None, False, 0, ""),
+    ],
+)
+def test_recover_names_a_missing_file_of_another_writer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], gone: int | None, metadata: bool, code: int, said: str
+) -> None:
+    folder, kept = tmp_path / "split", [number for number in range(3) if number != gone]
+    folder.mkdir()
+    for number in range(3):
+        write_rows(folder / f"split_{number}.mcap", [("/w", STAMPED, number, stamped(number, 1.0))])
+    if metadata:
+        assert main(["recover", str(folder), str(tmp_path / "first")]) == 0
+        shutil.copy(tmp_path / "first" / "metadata.yaml", folder)
+    if gone is not None:
+        (folder / f"split_{gone}.mcap").unlink()
+    capsys.readouterr()
+    assert main(["recover", str(folder), str(tmp_path / "saved")]) == code
+    found = capsys.readouterr().out
+    assert said in found
+    assert ("is missing" in found) == bool(said)
+    assert sorted(file.name for file in (tmp_path / "saved").glob("*.mcap")) == [f"split_{n}.mcap" for n in kept]

@@ -5,7 +5,7 @@ folder gives a rosbag2 folder with metadata.yaml.
 
 Times are counted from the first message, as in inspect.
 
-Exit codes: 0 success, nothing is missing except the end; 1 damaged pieces were left out, or a file in between is
+Exit codes: 0 success, nothing is missing except the end; 1 damaged pieces were left out, or a file before the last is
 missing (see the output); 2 nothing could be read.
 """
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover and report; exit code 0, or 1 if data within the file are lost."""
+    """Recover and report; exit code 0, or 1 if data before the end are lost."""
     from pathlib import Path
 
     from rb_dynamics.formats.recovery import recover
@@ -32,9 +32,10 @@ def run(args: argparse.Namespace) -> int:
     saved = recover(Path(args.source), Path(args.target))
     starts = (each.file.start_ns for each in saved if each.file.counts.total())
     start_ns = min(starts, default=0)
-    within = False
-    for number, each in enumerate(saved, 1):
+    for each in saved:
         file = each.file
+        for name in each.absent_before:
+            print(f"{name} is missing")
         begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (file.start_ns, file.end_ns))
         span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
         print(f"{file.name}: {file.counts.total()} messages{span}; the file was {each.state}")
@@ -45,10 +46,8 @@ def run(args: argparse.Namespace) -> int:
         for begin_ns, end_ns in each.missing:
             begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (begin_ns, end_ns))
             print(f"  missing: t = {begin:.9g} to {end:.9g} s")
-        following = saved[number].file.name if number < len(saved) else ""
-        if each.next_file not in ("", following):
-            print(f"  the next file, {each.next_file}, is missing")
-            within = within or bool(following)
+    if saved[-1].next_file:
+        print(f"  the next file, {saved[-1].next_file}, is missing")
     since = f"; t counts from the first message, log time {seconds_text(start_ns)} s" if start_ns else ""
     print(f"wrote {args.target}{since}")
-    return 1 if within or any(each.damage for each in saved) else 0
+    return 1 if any(each.damage or each.absent_before for each in saved) else 0
