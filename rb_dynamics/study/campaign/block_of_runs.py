@@ -164,13 +164,16 @@ def values_of(campaign: Campaign, number: int) -> dict[str, float]:
 def _passed(
     campaign: Campaign, metrics: Mapping[str, Numbers], errors: Mapping[int, str], first: int
 ) -> npt.NDArray[np.bool_]:
-    """Return which runs succeeded and meet every requirement; NaN meets none."""
+    """Return which runs were completed and meet every requirement; NaN meets none, unless `allows_never`."""
     import numpy as np
 
     count = len(next(iter(metrics.values())))
     good = np.array([number not in errors for number in range(first, first + count)], dtype=np.bool_)
+    by_name = {metric.name: metric for metric in campaign.metrics}
     for each in campaign.requirements:
-        good &= (metrics[each.metric] < each.below) & (metrics[each.metric] > each.above)
+        values = metrics[each.metric]
+        within = (values < each.below) & (values > each.above)
+        good &= within | np.isnan(values) if each.allows_never(by_name[each.metric]) else within
     return good
 
 

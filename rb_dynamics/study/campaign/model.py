@@ -85,6 +85,10 @@ class Requirement:
     below: float = math.inf
     above: float = -math.inf
 
+    def allows_never(self, metric: Metric) -> bool:
+        """Return whether a completed run meets it that never met the condition of `metric`: its time is infinite."""
+        return metric.reduction == "time_to" and math.isinf(self.below)
+
 
 @dataclass(frozen=True)
 class Campaign:

@@ -411,7 +411,9 @@ def _requirements(field: Field | None, metrics: Sequence[Metric], longest: float
         if metric is None:
             values = -math.inf, math.inf
         else:
-            values = (0.0, longest) if metric.reduction == "time_to" else _values_of(metric.quantity)
+            # Without an upper limit, what never happens in the run meets any lower one.
+            last = longest if "below" in limits.values else math.inf
+            values = (0.0, last) if metric.reduction == "time_to" else _values_of(metric.quantity)
         above, below = _limits(limits, name, *values)
         found.append(Requirement(name, below, above))
     return tuple(found)

@@ -283,8 +283,9 @@ def _worst(campaign: Campaign, metric: Metric, rows: Columns, is_flown: npt.NDAr
     column, is_number = rows[metric.name], ~np.isnan(rows[metric.name])
     required = [each for each in campaign.requirements if each.metric == metric.name]
     lacks = ~is_number & is_flown
-    # The time to an event that never happened counts as longer than any.
-    if (required or metric.reduction == "time_to") and lacks.any():
+    # The time to an event that never happened counts as longer than any, which may be what is required.
+    is_good = any(each.allows_never(metric) for each in required)
+    if (required or metric.reduction == "time_to") and lacks.any() and not is_good:
         return Worst(int(rows["run"][lacks][0]), None, "without a value")
     if not is_number.any():
         return None

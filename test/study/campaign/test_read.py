@@ -78,7 +78,7 @@ def test_overrides(tmp_path: Path) -> None:
         (("{below: 0.25}", "{below: 1, above: 2}"), r"require.final_rate: .* nothing lies between: correct above or"),
         (("{below: 0.25}", "{below: 1, above: 1}"), r"require.final_rate: .* nothing lies between: correct above or"),
         (("{below: 0.25}", "{above: .nan}"), r"require.final_rate.above: .*infinities and NaN are not accepted"),
-        (("final_rate: {below: 0.25}", "settled: {above: 2}"), r"require.settled: .* settled is from 0 to 2: correct"),
+        (("final_rate: {below: 0.25}", "settled: {above: 2, below: 3}"), r"require.settled: .* is from 0 to 2: corr"),
         (("  final_rate: {below", "  last_rate: {below"), r"require.last_rate: found an unknown key"),
         (("scene: scene.yaml", "scene: sceen.yaml"), r"campaign.yaml:1: scene: found sceen.yaml, expected the path of"),
         (("deviation: 0.2", "deviation: 1e308"), r"normal: .* expected numbers within the range of double precision"),
@@ -101,11 +101,13 @@ def test_what_is_wrong_is_said(tmp_path: Path, change: tuple[str, str], message:
 
 def test_limits_that_can_be_met_are_accepted(tmp_path: Path) -> None:
     text = CAMPAIGN.replace(
-        "final_rate: {below: 0.25}", "final_rate: {above: -1, below: 1e-300}\n  settled: {above: 1.99}"
+        "final_rate: {below: 0.25}", "final_rate: {above: -1, below: 1e-300}\n  settled: {above: 2}"
     )
-    assert [each.above for each in read_campaign(write(tmp_path, text)).requirements] == [-1.0, 1.99]
+    # What never happens meets any lower limit.
+    assert [each.above for each in read_campaign(write(tmp_path, text)).requirements] == [-1.0, 2.0]
     # A duration that differs from run to run may be longer than that of the scene.
-    longer = text.replace("1.99", "2.5").replace("disperse:", "disperse:\n  duration: {uniform: {low: 1, high: 3}}")
+    longer = text.replace("above: 2}", "above: 2.5, below: 2.8}")
+    longer = longer.replace("disperse:", "disperse:\n  duration: {uniform: {low: 1, high: 3}}")
     assert len(read_campaign(write(tmp_path, longer)).requirements) == 2
 
 

@@ -207,7 +207,8 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     assert "worst       settled: no value in run 7\n" in text
     assert [line.split()[-1] for line in text.splitlines() if "--seed 7 --rerun" in line][:2] == ["0", "7"]
     for limits, expected in (
-        ((Requirement("settled", above=3.0),), "settled: no value in run 7"),
+        ((Requirement("settled", above=3.0),), "settled: 0 s, the smallest, in run 0"),
+        ((Requirement("settled", 40.0, 3.0),), "settled: no value in run 7"),
         ((Requirement("final_rate", above=3.0),), "final_rate: 0 rad/s, the smallest, in run 20"),
         ((Requirement("final_rate", 19.0, 2.5),), "final_rate: 0 rad/s, the smallest, in run 20"),
         ((Requirement("final_rate", 19.0, 0.5),), "final_rate: 20 rad/s, the largest, in run 0"),
@@ -302,6 +303,40 @@ def test_a_condition_that_is_never_met_is_no_number(tmp_path: Path) -> None:
     assert math.isnan(summary.metrics[0].mean)
     assert json.loads(json.dumps(summary.as_dict(), allow_nan=False))["metrics"][0]["mean"] is None
     assert "never [s]" in as_text(campaign, summary)
+
+
+def test_what_never_comes_meets_that_it_comes_late(tmp_path: Path) -> None:
+    """A turn of 1 rad, about a fixed axis, comes after 10, 2.5 or 0.5 s of 4 s; a negative mass is no run."""
+    scene = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 0, 0]}\n"
+    text = """\
+scene: scene.yaml
+set: {duration: 4, output_rate: 10}
+runs: 24
+disperse:
+  initial.angular_velocity_body[2]: {choice: {values: [0.1, 0.41, 2.01]}}
+  body.mass: {choice: {values: [1, 1, -1]}}
+metrics: {turned: {time_to: attitude, above: 1, stays: false}}
+require: {turned: {above: 1}}
+"""
+    flown: dict[str, tuple[set[float], str]] = {}
+    for limits in ("above: 1", "above: 4", "below: 3", "above: 1, below: 3"):
+        campaign = read_campaign(write(tmp_path, text.replace("{above: 1}}", f"{{{limits}}}}}"), scene))
+        rows = simulate_block(campaign, 0, 24)
+        failed = np.array([bool(error) for error in rows["error"]])
+        assert 0 < failed.sum() < 24
+        assert not rows["passed"][failed].any()
+        spins = rows["initial.angular_velocity_body[2]"]
+        passed = set(spins[rows["passed"]])
+        assert passed.isdisjoint(spins[~rows["passed"] & ~failed])
+        worst = summarise(campaign, rows).metrics[0].worst
+        assert worst is not None
+        flown[limits] = passed, worst.which
+    assert flown == {
+        "above: 1": ({0.1, 0.41}, "smallest"),
+        "above: 4": ({0.1}, "smallest"),
+        "below: 3": ({0.41, 2.01}, "without a value"),
+        "above: 1, below: 3": ({0.41}, "without a value"),
+    }
 
 
 def test_a_time_to_what_never_came_is_longer_than_any(tmp_path: Path) -> None:
