@@ -117,9 +117,7 @@ class Actuator(Effect):
             WrenchError: the command is invalid.
         """
         if not math.isfinite(value):
-            raise WrenchError(
-                f"{self.topic}: {value!r} {self.unit}, expected a finite number; correct what commands it"
-            )
+            raise WrenchError(f"{self.topic}: {value!r}, expected a finite number; correct what commands it")
         return self._accept(value)
 
     def _accept(self, value: float) -> Accepted:

@@ -198,10 +198,9 @@ class ControlLoop:
                 most = f"{float(self._largest[name][place, 0]):.3g} {unit}"
                 why = f"{size}, is more than the {most} that the body can be simulated under"
             shown = ", ".join(map(repr, came.tolist()))
-            shown = f"({shown})" if is_wrench else shown
-            self.failed.setdefault(
-                place, f"{self._name} returned {shown} {unit} at simulation time {time_s!r} s, {why}"
-            )
+            # A command to an actuator fails only where it is no number, which has no unit.
+            shown = f"({shown}) {unit}" if is_wrench else shown
+            self.failed.setdefault(place, f"{self._name} returned {shown} at simulation time {time_s!r} s, {why}")
         return np.where(lost[:, None] if is_wrench else lost, 0.0, found)
 
     def _measure(self, samples: Samples, onboard: OnboardValues) -> LawInput:

@@ -273,7 +273,7 @@ def test_a_command_that_no_one_can_follow_fails_the_run(tmp_path: Path, old: str
         (
             "0.1 * np.sign",
             "np.nan * np.sign",
-            r"returned nan A m\^2 at simulation time 0.2 s, no finite command to rod",
+            r"returned nan at simulation time 0.2 s, no finite command to rod",
         ),
         (
             "0.01 * measured.random",
