@@ -242,7 +242,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
-        notes=(*track.notes, *_moves(track), *_epoch(bag)),
+        notes=(*track.notes, *_ended_early(track), *_moves(track), *_epoch(bag)),
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
         onboard=used,
@@ -431,6 +431,15 @@ def _moves(track: Track) -> list[str]:
     """Return a note on when the body was moved, if it was."""
     at = ", ".join(f"{each:.9g}" for each in track.seconds(track.moved_ns).tolist())
     return [f"The body was moved to another state (set_state) at t = {at} s: nothing is judged across."] if at else []
+
+
+def _ended_early(track: Track) -> list[str]:
+    """Return a note that a run ended before the duration of its scene, as an error or Ctrl-C ends it, if it did."""
+    bag, planned_ns = track.bag, None if track.scene is None else track.scene.end_ns
+    end_ns = _whole(bag.metadata.get(RESULT, {}).get("end_time_ns", ""))
+    if end_ns is None or planned_ns is None or end_ns >= planned_ns or bag.cut_ns or not bag.ended:
+        return []
+    return [f"The run ended early, by an error or a stop: at t = {end_ns * 1e-9:.9g} s of {planned_ns * 1e-9:.9g} s."]
 
 
 def _epoch(bag: Bag) -> list[str]:

@@ -210,6 +210,20 @@ def test_a_log_that_was_cut_off_says_of_how_much(flight: Any, tmp_path: Path) ->
     assert {"file is whole", "recording has all its parts"} <= {*failed(summary)}
 
 
+def test_a_run_that_ended_early_is_noted(flight: Any, tmp_path: Path) -> None:
+    early, endless = tmp_path / "early.mcap", tmp_path / "endless.mcap"
+    for log, scene in ((early, SCENE), (endless, SCENE.replace("duration: 3.0\n", ""))):
+        run = Simulation(parse_scene(scene), [McapSink(log)])
+        run.start()
+        run.advance(1_240_000_000)
+        run.finish()
+    note = "The run ended early, by an error or a stop: at t = 1.24 s of 3 s."
+    assert summary_of(early).notes == (note,)
+    assert not failed(summary_of(early))
+    for log in (endless, flight.log):
+        assert note not in summary_of(log).notes
+
+
 def begun(path: Path, whole: McapFile, messages: list[Message], *, ended: bool = False) -> Path:
     """Write these messages and everything else in `whole` to a file, truncated or complete."""
     with contextlib.closing(OutputFile(path)) as file:
