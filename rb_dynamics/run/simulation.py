@@ -1189,8 +1189,8 @@ def simulate(
         TypeError: an argument has the wrong type.
         SceneError: the file has no valid scene, or the scene has no duration.
         LogError: a log cannot be written.
-        ConvergenceError: a step could not be solved; the log is complete up to there, with the warnings.
-        KeyboardInterrupt: Ctrl-C; likewise.
+        ConvergenceError: a step could not be solved; the log is complete up to there, with the warnings and the error.
+        KeyboardInterrupt: Ctrl-C; the log is complete up to there, with the warnings.
         ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
     """
     started = time.perf_counter()
@@ -1205,8 +1205,8 @@ def simulate(
         )
     rejected = list[str]()
 
-    def concluded(end: Sample) -> list[str]:
-        """Return the remarks on the run so far; its sinks receive all warnings."""
+    def concluded(end: Sample, error: ConvergenceError | None = None) -> list[str]:
+        """Return the remarks on the run so far; its sinks receive all warnings, and the error that ended it."""
         nonlocal rejected
         rejected += (
             f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
@@ -1214,7 +1214,8 @@ def simulate(
         )
         remarks = [*run.remarks, *command_remarks(_first_stamps(commands), scene, end)]
         if sinks:
-            run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected)])
+            ended = [] if error is None else [f"the run ended by an error: {error}"]
+            run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected), *ended])
         return remarks
 
     # Without a sink there is nothing that Ctrl-C could damage.
@@ -1229,9 +1230,9 @@ def simulate(
                     run.advance(run.end_ns * part // 100)
                     progress(part / 100.0)
                 run.advance(known_ns)
-        except (ConvergenceError, KeyboardInterrupt):
+        except (ConvergenceError, KeyboardInterrupt) as error:
             with uninterrupted():
-                concluded(run.sample)
+                concluded(run.sample, error if isinstance(error, ConvergenceError) else None)
             raise
         else:
             end = run.sample

@@ -132,17 +132,18 @@ def test_a_log_that_ends_by_ctrl_c_holds_the_warnings_so_far(tmp_path: Path) -> 
     assert "commands were rejected and had no effect" in told
 
 
-def test_a_log_that_ends_by_an_error_holds_the_warnings_so_far(tmp_path: Path) -> None:
+def test_a_log_that_ends_by_an_error_holds_the_warnings_so_far_and_the_error(tmp_path: Path) -> None:
     """Between two commands, 0.5 s apart, the body turns by 0.75 rad; then a torque spins it up too much for a step."""
     scene = parse_scene(
         "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 1.5, 0]}\n"
         "wrenches: [{topic: push}]\nsolver: {method: rk4, step: 0.1}\nduration: 10\n"
     )
     commands = [("push", rb.Wrench(torque=(0.0, 0.0, 600.0 * (k == 5)), stamp_ns=k * 500_000_000)) for k in range(6)]
-    with pytest.raises(rb.ConvergenceError):
+    with pytest.raises(rb.ConvergenceError) as error:
         rb.simulate(scene, commands, [McapSink(tmp_path / "log.mcap")])
     (told,) = diagnostics(tmp_path / "log.mcap")
     assert "push: the body turns by" in told
+    assert told.endswith(f"; the run ended by an error: {error.value}")
 
 
 @pytest.mark.parametrize(("period_ms", "slow"), [(240, False), (260, True)])
