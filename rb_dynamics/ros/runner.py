@@ -133,7 +133,7 @@ class Runner:
         self._wait = wait
         if wait and self._waited == _LONG_WAIT:
             hint = "; stamp each for the next output: under our /clock now() is not later than the newest state"
-            told = f"lockstep{wait}{'' if None in self._newest.values() else hint}"
+            told = f"lockstep{wait}{hint if self._newest and None not in self._newest.values() else ''}"
             self.health.told(told if self.lockstep else wait)
 
     def go(self) -> None:
@@ -606,10 +606,14 @@ class Runner:
 
     def _awaited(self) -> str:
         """Return what lockstep waits for, in terms of stamps."""
-        oldest = min(self._newest, key=lambda topic: self._newest[topic] or -1, default="")
-        newest_ns = self._newest.get(oldest)
+        if not self._newest:
+            channels = " or ".join(channel.topic for channel in self._scene.channels)
+            by = f"a command on {channels}" if channels else "~/step: the scene has no wrench channel to move time"
+            return f", waits for {by}"
+        oldest = min(self._newest, key=lambda topic: self._newest[topic] or -1)
+        newest_ns = self._newest[oldest]
         if newest_ns is None:
-            return f", waits for the first command on {oldest}" if oldest else ""
+            return f", waits for the first command on {oldest}"
         seconds = seconds_text(newest_ns + (self.pacer.offset_ns or 0))
         return f", waits for a command on {oldest} with a header.stamp later than {seconds} s"
 

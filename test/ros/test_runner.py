@@ -596,6 +596,24 @@ def test_lockstep_says_what_it_waits_for_and_warns_of_commands_that_move_no_time
     assert "stamp each for the next output" in message()
 
 
+@pytest.mark.parametrize(
+    ("wrenches", "awaited"),
+    [
+        ("[]", "~/step: the scene has no wrench channel to move time"),
+        ("[{topic: push, optional: true}, {topic: pull, optional: true}]", "a command on push or pull"),
+    ],
+)
+def test_lockstep_that_no_channel_holds_back_says_what_it_waits_for(wrenches: str, awaited: str) -> None:
+    """It stood at 0 without a word."""
+    said: list[str] = []
+    text = f"body: {{mass: 2, inertia: {{diagonal: [1, 2, 3]}}}}\nwrenches: {wrenches}\noutput_rate: 100\n"
+    body = runner(text, mode=Mode(lockstep=True), said=said)
+    for _ in range(9):
+        body.tick()
+        body.every_second()
+    assert said == [f"lockstep, waits for {awaited}"]
+
+
 def test_lockstep_tells_once_of_a_long_wait_whoever_reads_the_diagnostics() -> None:
     said: list[str] = []
     body = runner(mode=Mode(lockstep=True), said=said)
