@@ -23,7 +23,7 @@ MU, RADIUS = 3.986004418e14, 6.878e6
 ORBIT = 5680.0  # s, 3 s more than one takes: Basilisk counts whole nanoseconds
 FIELD = (2.0e-5, 0.5e-5, -4.0e-5)
 MOMENTS, WHEEL, DIPOLE = (0.05, 0.12, 0.14), 1.0e-4, 0.2
-COULOMB, VISCOUS = 1.0e-5, 1.0e-7
+COULOMB, VISCOUS, LARGEST = 1.0e-5, 1.0e-7, 5.0e-5
 THRUST, PLACE = 0.005, (0.1, 0.15, 0.05)
 STATIC, DYNAMIC, WHEEL_PLACE = 1e-6, 1e-7, (0.05, -0.1, 0.15)
 PHASES = (0.5 * math.pi, math.pi, 0.5 * math.pi)
@@ -49,6 +49,7 @@ class Case(NamedTuple):
     wheels: bool = False
     friction: bool = False
     imbalance: bool = False
+    limited: bool = False
     gradient: bool = False
     rod: bool = False
     thruster: bool = False
@@ -65,11 +66,12 @@ CASES = (
     Case("free wheels at 100 rad/s", 100.0, 0.1, wheels=True, commands=0),
     Case("wheels under 10 torques each", 100.0, 0.1, wheels=True, commands=10),
     Case("the same, with Coulomb and viscous friction", 100.0, 0.01, wheels=True, friction=True, commands=10),
-    Case("unbalanced wheels at 100 rad/s", 120.0, 0.002, wheels=True, imbalance=True, commands=10),
+    Case("wheels under 10 torques, at most 5e-5 N m each", 100.0, 0.1, wheels=True, limited=True, commands=10),
+    Case("unbalanced wheels at 100 rad/s", 120.0, 0.001, wheels=True, imbalance=True, commands=10),
     Case("a torque rod, 10 dipoles, uniform field", 100.0, 0.1, rod=True, commands=10),
     Case("10 pulses of a thruster with a lever arm", 100.0, 0.002, thruster=True, commands=10),
-    Case("gravity gradient, 10 orbits", 10.0 * ORBIT, 0.5, gradient=True, commands=0),
-    Case("gravity gradient, wheels and rod, an orbit", ORBIT, 0.04, wheels=True, gradient=True, rod=True, commands=20),
+    Case("gravity gradient, 10 orbits", 10.0 * ORBIT, 0.125, gradient=True, commands=0),
+    Case("gravity gradient, wheels and rod, an orbit", ORBIT, 0.02, wheels=True, gradient=True, rod=True, commands=20),
 )
 
 
@@ -126,6 +128,8 @@ def _wheel(case: Case, k: int) -> str:
     given = f"name: wheel_{k}, axis: {[float(k == i) for i in range(3)]}, inertia: {WHEEL!r}, speed: {SPEED!r}"
     if case.friction:
         given += f", friction: {{coulomb: {COULOMB!r}, viscous: {VISCOUS!r}}}"
+    if case.limited:
+        given += f", max_torque: {LARGEST!r}"
     if case.imbalance:
         given += f", imbalance: {{static: {STATIC!r}, dynamic: {DYNAMIC!r}, phase: {PHASES[k]!r}}}"
         given += f", position: {list(WHEEL_PLACE)}"
@@ -194,8 +198,9 @@ def _wheels(simulation: Any, craft: Any, kept: list[Any], case: Case) -> Callabl
     for k in range(3):
         axis = [float(k == i) for i in range(3)]
         rpm = SPEED * 30.0 / math.pi
-        settings = {"Js": WHEEL, "Omega": rpm, "Omega_max": 1e5, "u_max": 1.0, "useRWfriction": case.friction, **wear}
-        wheel = factory.create("custom", axis, **settings)
+        largest = LARGEST if case.limited else 1.0
+        settings = {"Js": WHEEL, "Omega": rpm, "Omega_max": 1e5, "u_max": largest, "useRWfriction": case.friction}
+        wheel = factory.create("custom", axis, **settings, **wear)
         if case.imbalance:
             wheel.U_s, wheel.U_d = STATIC, DYNAMIC
     effector = reactionWheelStateEffector.ReactionWheelStateEffector()

@@ -726,22 +726,25 @@ recorded angles refer to the local horizon, which turns with the Earth. The comp
 eastward drift of the falling brick, which causes the 1e-6 rad of 01 and 04.
 
 Basilisk flew a 6U satellite with the devices of `actuators`: wheels at 100 rad/s, with and without Coulomb and viscous
-friction and imbalance (`JitterSimple`), a torque rod, a thruster; and with the gravity gradient.
-`tools/compare_basilisk.py` flies each case twice with Basilisk's RK4, with a step and with half of it. The difference
-between the two is about the error of the longer step. This package differs from the run with half the step by less,
-except with the thruster: RK4 loses its order where a pulse begins or ends within a step. Here the edges of a pulse fall
-on their exact nanosecond, and the impulse is exact ([test](../test/loads/test_actuators.py)).
+friction, a limit of their torque and imbalance (`JitterSimple`), a torque rod, a thruster; and with the gravity
+gradient. `tools/compare_basilisk.py` flies each case twice with Basilisk's RK4, with a step and with half of it. The
+difference between the two is about the error of the longer step. This package differs from the run with half the step
+by less, except with the thruster: RK4 loses its order where a pulse begins or ends within a step. Here the edges of a
+pulse fall on their exact nanosecond, and the impulse is exact ([test](../test/loads/test_actuators.py)). Limits of
+speed are not compared, because they are another model there: at `Omega_max` Basilisk takes the motor's torque away, and
+the body may drive the wheel beyond, where a motor here holds it with `max_torque` at most.
 
 | flight | s | Basilisk step, s | difference, rad | at half the step, rad | between the two steps, rad | wheels, rad/s |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 | free wheels at 100 rad/s | 100 | 0.1 | 5e-09 | 3e-10 | 5e-09 | 5e-11 |
 | wheels under 10 torques each | 100 | 0.1 | 3e-09 | 2e-10 | 3e-09 | 5e-11 |
 | the same, with Coulomb and viscous friction | 100 | 0.01 | 3e-13 | 3e-14 | 3e-13 | 8e-13 |
-| unbalanced wheels at 100 rad/s | 120 | 0.002 | 2e-08 | 2e-09 | 2e-08 | 2e-11 |
+| wheels under 10 torques, at most 5e-5 N m each | 100 | 0.1 | 4e-09 | 2e-10 | 4e-09 | 5e-11 |
+| unbalanced wheels at 100 rad/s | 120 | 0.001 | 2e-09 | 1e-10 | 1e-09 | 4e-12 |
 | a torque rod, 10 dipoles, uniform field | 100 | 0.1 | 9e-13 | 5e-14 | 9e-13 | - |
 | 10 pulses of a thruster with a lever arm | 100 | 0.002 | 6e-04 | 4e-04 | 2e-04 | - |
-| gravity gradient, 10 orbits | 56800 | 0.5 | 3e-07 | 1e-08 | 3e-07 | - |
-| gravity gradient, wheels and rod, an orbit | 5680 | 0.04 | 3e-08 | 1e-09 | 3e-08 | 6e-11 |
+| gravity gradient, 10 orbits | 56800 | 0.125 | 6e-10 | 4e-11 | 6e-10 | - |
+| gravity gradient, wheels and rod, an orbit | 5680 | 0.02 | 1e-09 | 6e-11 | 1e-09 | 5e-12 |
 
 ## Extremes
 
