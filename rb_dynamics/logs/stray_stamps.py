@@ -50,12 +50,9 @@ class Strays(NamedTuple):
 
     def told(self, path: str | os.PathLike[str], topic: str) -> str:
         """Return a sentence about them."""
-        which = (
-            "is stamped far from when it was recorded, and acts"
-            if self.number == 1
-            else ("are stamped far from when they were recorded, and act")
-        )
-        return f"{path}: {self.number} of the {self.of} commands of {topic} {which} then"
+        one = "is stamped far from when it was recorded, and acts then"
+        more = "are stamped far from when they were recorded, and act then"
+        return f"{path}: {self.number} of the {self.of} commands of {topic} {one if self.number == 1 else more}"
 
 
 class StrayStamps:
@@ -98,5 +95,6 @@ class StrayStamps:
         usual_ns = behind_ns[next(k for k, count in zip(ascending, up_to, strict=True) if 2 * count >= of)]
         away_ns = max(_AWAY * (self._last_ns - self._first[0]), _AWAY * 1_000_000_000)
         count = sum(self._counts[k] for k, behind in behind_ns.items() if abs(behind - usual_ns) > away_ns)
-        count -= self._first[0] - self._first[1] > usual_ns + away_ns
+        if self._first[0] - self._first[1] > usual_ns + away_ns:
+            count -= 1
         return Strays(count, of, usual_ns, away_ns, self._first) if 0 < count <= max(1, _SHARE * of) else None
