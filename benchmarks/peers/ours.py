@@ -125,11 +125,14 @@ def _simulate(problem: Problem) -> Callable[[float], Run]:
 
 
 def _commands(problem: Problem) -> list[tuple[str, rb.Wrenches]]:
+    """Return the commands; absent parts cost nothing, as with the peers."""
     times = round(problem.hold * 1e9) * np.arange(problem.holds)
-    return [
-        ("thrusters", rb.Wrenches(problem.force_body, problem.torque_body, "body", times)),
-        ("environment", rb.Wrenches(problem.force_world, frame_id="world", stamp_ns=times)),
-    ]
+    found = []
+    if problem.force_body.any() or problem.torque_body.any():
+        found.append(("thrusters", rb.Wrenches(problem.force_body, problem.torque_body, "body", times)))
+    if problem.force_world.any():
+        found.append(("environment", rb.Wrenches(problem.force_world, frame_id="world", stamp_ns=times)))
+    return found
 
 
 def kernels(problem: Problem, h: float, n: int) -> dict[str, Callable[[], Callable[[], np.ndarray]]]:
