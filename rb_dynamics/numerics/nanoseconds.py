@@ -47,6 +47,17 @@ def nanoseconds_of_each(seconds: Numbers) -> npt.NDArray[np.int64]:
     return whole
 
 
+def exact_period_ns(rate: float) -> Fraction:
+    """Return the exact time (ns) between samples at `rate` (Hz), taken as the decimal number that was written."""
+    return NANOSECONDS / Fraction(repr(rate))
+
+
+def sample_ns(sample: int, period_ns: Fraction) -> int:
+    """Return the time of sample number `sample`, one every `period_ns`, rounded to a nanosecond."""
+    period, parts = period_ns.numerator, period_ns.denominator
+    return (2 * sample * period + parts) // (2 * parts)
+
+
 def on_nanosecond(seconds: float) -> float:
     """Return a time (s), taken as the decimal number that was written, rounded to whole nanoseconds."""
     return nanoseconds(seconds) / NANOSECONDS

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from fractions import Fraction
 
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.nanoseconds import exact_period_ns, nanoseconds, sample_ns
 from rb_dynamics.run.sink import Measurement
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth
@@ -17,11 +16,11 @@ class SampleTimes:
 
     def __init__(self, rate: float) -> None:
         """Take so many samples a second."""
-        self._period, self._parts = (NANOSECONDS / Fraction(repr(rate))).as_integer_ratio()
+        self._period_ns = exact_period_ns(rate)
 
     def of(self, sample: int) -> int:
         """Return the time of a sample, ns."""
-        return (2 * sample * self._period + self._parts) // (2 * self._parts)
+        return sample_ns(sample, self._period_ns)
 
 
 class _Measuring:

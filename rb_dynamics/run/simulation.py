@@ -15,7 +15,6 @@ from bisect import insort
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol, cast
@@ -58,7 +57,7 @@ from rb_dynamics.motion.propagation_kernel import CHANGE, OUTPUT
 from rb_dynamics.motion.step_checks import out_of_range
 from rb_dynamics.motion.step_control import WholeArc
 from rb_dynamics.numerics.argument_checks import instance, items, shown, time_count, whole_number
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, exact_period_ns, nanoseconds
 from rb_dynamics.numerics.sign_change import first_positive
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.edge_schedule import FEWEST, EdgeSchedule
@@ -1085,7 +1084,7 @@ def without_outputs(scene: Scene) -> Scene:
 @lru_cache(maxsize=16)
 def _period_ns(rate: float) -> tuple[int, int]:
     """Return the exact time (ns) between outputs at `rate` (Hz), taken as the decimal number that was written."""
-    return (NANOSECONDS / Fraction(repr(rate))).as_integer_ratio()
+    return exact_period_ns(rate).as_integer_ratio()
 
 
 def _sink(sink: Sink) -> Sink:

@@ -10,9 +10,11 @@ import heapq
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
+from rb_dynamics.numerics.nanoseconds import sample_ns
 from rb_dynamics.run.sample import too_long
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
@@ -293,10 +295,10 @@ def _advance(
     scene = runs[0].scene
     end_ns = scene.end_ns or 0
     loop = _closed(campaign, runs, bodies)
-    next_look_ns = next_sample_ns = 0
+    looks = sampled = next_look_ns = next_sample_ns = 0
     ruined: Mapping[int, str] = {}
     while True:
-        sampling = loop is not None and loop.period_ns > 0 and next_sample_ns < end_ns
+        sampling = loop is not None and next_sample_ns < end_ns
         time_ns = min(next_look_ns, end_ns)
         if loop is not None:
             time_ns = min(time_ns, loop.next_command_ns(end_ns), next_sample_ns if sampling else end_ns)
@@ -310,10 +312,12 @@ def _advance(
                 metrics.add(samples, is_last=time_ns >= end_ns)
                 if watch is not None:
                     watch(samples)
-                next_look_ns = time_ns + campaign.observe_ns
+                looks += 1
+                next_look_ns = sample_ns(looks, campaign.observe_ns)
             if sampling and loop is not None:
                 loop.sample(time_ns, samples, bodies.onboard())
-                next_sample_ns += loop.period_ns
+                sampled += 1
+                next_sample_ns = sample_ns(sampled, loop.period_ns)
             ruined = _ruined(runs, samples) if time_ns >= end_ns else {}
             # Of samples that nobody has any more, nothing need be computed.
             del samples
@@ -336,7 +340,9 @@ def _ruined(runs: Sequence[_Run], samples: Samples) -> Mapping[int, str]:
 class _Closed:
     """Controllers, and the commands that wait for their delay."""
 
-    def __init__(self, loop: ControlLoop, period_ns: int, delays_ns: Sequence[int], bodies: WithWheels | None) -> None:
+    def __init__(
+        self, loop: ControlLoop, period_ns: Fraction, delays_ns: Sequence[int], bodies: WithWheels | None
+    ) -> None:
         """Control `bodies`; those without wheels are told of each command at its time."""
         import numpy as np
 

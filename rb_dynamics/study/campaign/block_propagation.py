@@ -23,7 +23,7 @@ from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.closed_form import EXACT
 from rb_dynamics.motion.fixed_step_kernel import takes_compiled
 from rb_dynamics.motion.kernel_layout import phase_of
-from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, sample_ns
 from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble, body_of_arrays, initial_phases
 from rb_dynamics.run.sample import Sample, torque_impulse
@@ -173,7 +173,7 @@ _LOOKS = 256
 class InTurn:
     """Bodies that go in turn, each through many observations at a time, in the loop that `simulate` runs."""
 
-    def __init__(self, scenes: Sequence[Scene], period_ns: int) -> None:
+    def __init__(self, scenes: Sequence[Scene], period_ns: Fraction) -> None:
         """Start at the initial states of the scenes; they are observed every `period_ns`, and at the end."""
         import numpy as np
 
@@ -181,6 +181,7 @@ class InTurn:
         self._start = initial_phases(self._body, [scene.initial for scene in scenes])
         self._period_ns, self._end_ns = period_ns, scenes[0].end_ns or 0
         self._times: Times = np.array([-1])
+        self._looks = 0
         self._states, self._now = self._start[np.newaxis], 0
         storing = [scene.combined_effects.storing() for scene in scenes]
         self._storing = [each for each in storing if each is not None]
@@ -230,15 +231,16 @@ class InTurn:
     def advance_to(self, time_ns: int) -> None:
         """Advance; see `Bodies`."""
         if time_ns > self._times[-1]:
-            self._go_on(time_ns)
+            self._go_on()
         self._now = int(self._times.searchsorted(time_ns))
 
-    def _go_on(self, first_ns: int) -> None:
-        """Advance each to the next observations, from `first_ns` on."""
+    def _go_on(self) -> None:
+        """Advance each to the next observations."""
         import numpy as np
 
-        last_ns = min(self._end_ns, first_ns + (_LOOKS - 1) * self._period_ns)
-        times = [*range(first_ns, last_ns, self._period_ns), last_ns]
+        looks = range(self._looks, self._looks + _LOOKS)
+        times = sorted({min(self._end_ns, sample_ns(look, self._period_ns)) for look in looks})
+        self._looks += _LOOKS
         before, self._times = self._states[-1], np.array(times, dtype=np.int64)
         self._states = np.empty((len(times), *before.shape))
         for i, run in enumerate(self._runs):

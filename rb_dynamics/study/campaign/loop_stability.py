@@ -14,6 +14,7 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
@@ -62,7 +63,7 @@ def remarks(campaign: Campaign) -> list[str]:
     found = scene_remarks(base)
     if control is None:
         return found
-    period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, {}) / NANOSECONDS
+    period_s, delay_s = float(control.period_ns / NANOSECONDS), delay_ns(control, {}) / NANOSECONDS
     turn = norm(base.initial.angular_velocity_body) * period_s
     if turn > TURN_SEEN:
         found.append(
@@ -111,7 +112,7 @@ class _TrialEndError(Exception):
 
 def _effect_of_period(campaign: Campaign, control: Control) -> list[str]:
     """Return warnings from a trial of run 0, and from one with half the period and delay."""
-    period_s, delay_s = control.period_ns / NANOSECONDS, delay_ns(control, values_of(campaign, 0)) / NANOSECONDS
+    period_s, delay_s = float(control.period_ns / NANOSECONDS), delay_ns(control, values_of(campaign, 0)) / NANOSECONDS
     flight = _trial_flight(_sampled_faster(campaign, control, delay_s, 1), control.period_ns)
     rates, found = flight.rates, _actuator_limits(campaign, flight)
     diverges = _diverges(rates, control.period_ns)
@@ -147,11 +148,11 @@ def _sampled_faster(campaign: Campaign, control: Control, delay_s: float, parts:
     Sensors keep up with that: no faster than the law, unless they are anyway.
     """
     given = {DELAY: delay_s / parts, "control.noise.attitude": 0.0, "control.noise.rate": 0.0}
-    period_ns = max(1, control.period_ns // parts)
+    period_ns = max(Fraction(1), control.period_ns / parts)
     sensors: dict[str, float] = {}
     if parts > 1:
         for each in Scenes(campaign).base.sensors:
-            rate = max(each.rate, min(parts * each.rate, NANOSECONDS / period_ns))
+            rate = max(each.rate, min(parts * each.rate, float(NANOSECONDS / period_ns)))
             sensors |= {f"sensors.{each.name}.rate": rate, f"sensors.{each.name}.delay": each.delay / parts}
     text = parse_scene(campaign.scene_text, campaign.source, sensors).text if sensors else campaign.scene_text
     given |= sensors
@@ -178,7 +179,7 @@ class _TrialFlight(NamedTuple):
     rejected: int
 
 
-def _trial_flight(campaign: Campaign, period_ns: int, most: int = _MAX_SAMPLES) -> _TrialFlight:
+def _trial_flight(campaign: Campaign, period_ns: Fraction, most: int = _MAX_SAMPLES) -> _TrialFlight:
     """Simulate run 0, observed every period, until it diverges, fails or has `most` samples."""
     rates: list[float] = []
     full: dict[str, float] = {}
@@ -217,7 +218,7 @@ def _actuator_limits(campaign: Campaign, flight: _TrialFlight) -> list[str]:
     return found
 
 
-def _diverges(rates: list[float], period_ns: int) -> bool:
+def _diverges(rates: list[float], period_ns: Fraction) -> bool:
     """Return whether the last of `rates` turns the body by more than half a turn in a period."""
     return bool(rates) and rates[-1] * period_ns > math.pi * NANOSECONDS
 

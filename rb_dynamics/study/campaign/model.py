@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 from rb_dynamics.study.campaign.distributions import Distribution
 from rb_dynamics.study.campaign.user_modules import UserModules
@@ -33,7 +34,7 @@ class Control:
 
     Attributes:
         law: a name in `laws.LAWS`, or the dotted name of a user function.
-        period_ns: sampling period, integer nanoseconds.
+        period_ns: exact sampling period, ns; sample k is at k periods, rounded to a nanosecond, as those of sensors.
         numbers: dotted key and value of everything that may be dispersed: `control.delay` (s), `control.saturation` (N
             m, per axis), `control.bias[i]` (N m), `control.noise.attitude` (rad, per axis), `control.noise.rate`
             (rad/s, per axis), and `control.parameters.*` of the law.
@@ -41,7 +42,7 @@ class Control:
     """
 
     law: str
-    period_ns: int
+    period_ns: Fraction
     numbers: tuple[tuple[str, float], ...]
     through: tuple[str, ...] = ()
 
@@ -107,7 +108,7 @@ class Campaign:
         mixing: for each input, its row of the lower triangular matrix that correlates standard normal numbers; empty if
             nothing is correlated.
         control: the closed loop, or None.
-        observe_ns: interval between observations of the quantities of `metrics`, integer nanoseconds.
+        observe_ns: exact interval between observations of the quantities of `metrics`, ns, as the period of `control`.
         metrics: computed for each run.
         requirements: a run that meets all of them passes.
     """
@@ -122,6 +123,6 @@ class Campaign:
     inputs: tuple[Input, ...]
     mixing: tuple[tuple[float, ...], ...]
     control: Control | None
-    observe_ns: int
+    observe_ns: Fraction
     metrics: tuple[Metric, ...]
     requirements: tuple[Requirement, ...]

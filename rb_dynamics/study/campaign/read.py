@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from types import MappingProxyType
 
 from rb_dynamics.errors import SceneError, did_you_mean
@@ -19,7 +20,7 @@ from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.wrench_channels import Channel
-from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS
+from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, exact_period_ns
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.overrides import apply_overrides, merged
@@ -56,6 +57,7 @@ _RATE = Rule(
 )
 
 _MOST_SOBOL = 2**30
+_ROUNDING = Fraction(1, 2**52)
 
 
 def read_campaign(path: str | os.PathLike[str], overrides: Mapping[str, object] = _NO_OVERRIDES) -> Campaign:
@@ -104,10 +106,10 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
         field.reject(f"at most {_MOST_SOBOL} with sobol", "write fewer, or sampling: random")
     mixing = correlations(root.get("correlate"), found)
     metrics = _metrics(root, control, base, {*_COLUMNS, *(each.name for each in found)})
-    period_ns = control.period_ns if control else round(NANOSECONDS / (base.output_rate or 1.0))
+    period_ns = control.period_ns if control else _period_ns(base.output_rate or 1.0)
     observe = root.get("observe_rate")
     if observe is not None:
-        period_ns = _period_ns(observe, observe.number(_RATE, 1.0))
+        period_ns = _period_ns(observe.number(_RATE, 1.0))
     dispersed = any(each.name == "duration" for each in found)
     longest = math.inf if dispersed or base.duration is None else base.duration
     requirements = _requirements(root.get("require"), metrics, longest)
@@ -186,7 +188,7 @@ def _control(field: Field | None) -> Control | None:
     rate = section.get("rate")
     if rate is None:
         section.missing("rate", _RATE.expected, "add rate: 10")
-    period_ns = _period_ns(rate, rate.number(_RATE, 1.0)) if rate else NANOSECONDS
+    period_ns = _period_ns(rate.number(_RATE, 1.0) if rate else 1.0)
     noise = section.section("noise", ("attitude", "rate"))
     saturation = section.get("saturation")
     numbers = {
@@ -256,7 +258,7 @@ def _refuse(section: Section, name: str, expected: str, lines: str) -> None:
 
 def _noise_lines(control: Control) -> str:
     """Return sensors with the noise of `control`."""
-    numbers, rate = dict(control.numbers), NANOSECONDS / control.period_ns
+    numbers, rate = dict(control.numbers), float(NANOSECONDS / control.period_ns)
     density, noise = numbers["control.noise.rate"] / math.sqrt(rate), numbers["control.noise.attitude"]
     return (
         f"sensors: [{{type: imu, name: imu, rate: {rate:.6g}, gyro: {{noise_density: {density:.6g}}}}}, "
@@ -302,11 +304,11 @@ def _check_parameters(section: Section, law: str, parameters: Mapping[str, Field
             field.number(NUMBER, 0.0)
 
 
-def _period_ns(field: Field, rate: float) -> int:
-    period = NANOSECONDS / rate
-    if abs(period - round(period)) > 1e-6 * period:
-        field.reject("a rate whose period is a whole number of nanoseconds", "write another rate")
-    return max(1, round(period))
+def _period_ns(rate: float) -> Fraction:
+    """Return the period (ns) of a rate (Hz): whole where the rate is one rounded to a double, as 33.333333333333336."""
+    period = exact_period_ns(rate)
+    whole = Fraction(round(period))
+    return whole if abs(period - whole) <= _ROUNDING * period else period
 
 
 def _check_grid(root: Section, base: Scene, control: Control | None) -> None:
@@ -322,7 +324,7 @@ def _check_grid(root: Section, base: Scene, control: Control | None) -> None:
         rate.reject(
             f"a period that is a whole multiple of the step of {base.solver.step!r} s, in whole nanoseconds",
             "change the rate, or solver.step in set",
-            f"a period of {control.period_ns} ns",
+            f"a period of {float(control.period_ns):.12g} ns",
         )
 
 

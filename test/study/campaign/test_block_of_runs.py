@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from campaigns import CAMPAIGN, SCENE, write
 
-from rb_dynamics import Simulation, Wrench
+from rb_dynamics import Simulation, Wrench, simulate
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.sinks.memory_sink import MemorySink
-from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block, watch_runs
 from rb_dynamics.study.campaign.block_propagation import CHANNEL
 from rb_dynamics.study.campaign.engine import goes_alone, goes_side_by_side
 from rb_dynamics.study.campaign.model import Campaign
@@ -566,3 +566,34 @@ metrics: {first: {final: own_code.first}, momentum: {final: angular_momentum}}
     alone = simulate_alone(campaign, 1, [sink])
     assert alone["first"] == sink.samples[-1].angular_velocity_body[0]
     assert simulate_block(campaign, 0, 3)["first"].tolist() == [alone["first"]] * 3
+
+
+@pytest.mark.parametrize("rate", [3, 30, 33.333333333333336])
+def test_a_law_sees_what_sensors_of_its_rate_measure_at_its_sample(tmp_path: Path, rate: float) -> None:
+    (tmp_path / "stale.py").write_text(
+        "def law(parameters):\n"
+        "    def command(measured):\n"
+        "        assert measured.time_s == measured.sensors['imu'].time_s[0]\n"
+        "        return 0.0 * measured.angular_velocity_body\n"
+        "    return command\n"
+    )
+    scene = SCENE.replace(*ACCURATE) + f"sensors: [{{type: imu, name: imu, rate: {rate}}}]\n"
+    text = (
+        f"scene: scene.yaml\nruns: 1\ncontrol: {{law: stale.law, rate: {rate}}}\nmetrics: {{rate: {{final: rate}}}}\n"
+    )
+    campaign = read_campaign(write(tmp_path, text, scene))
+
+    assert simulate_block(campaign, 0, 1)["error"] == [""]
+
+
+@pytest.mark.parametrize("given", ["", "observe_rate: 3\n"], ids=["outputs", "given"])
+def test_observations_are_at_the_times_of_outputs(tmp_path: Path, given: str) -> None:
+    scene = SCENE.replace(*ACCURATE).replace("output_rate: 4", "output_rate: 3").replace("2.0\noutput", "100.0\noutput")
+    text = f"scene: scene.yaml\nruns: 1\n{given}metrics: {{rate: {{final: rate}}}}\n"
+    path = write(tmp_path, text, scene)
+    times: list[int] = []
+    watch_runs(read_campaign(path), [0], lambda samples: times.append(int(samples.time_ns)))
+
+    log = MemorySink()
+    simulate(tmp_path / "scene.yaml", sinks=[log])
+    assert times == [int(each) for each in log.time_ns]
