@@ -143,7 +143,7 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
     wrenches = channels(root.get("wrenches"), taken)
     acting = effects(root.get("effects"), reading.body, frames)
     driving, measuring = devices(root, reading.body, frames, acting, taken)
-    seed = int(root.number("seed", _SEED, 0.0))
+    seed = root.whole("seed", _SEED, 0)
     solver = _solver(root.section("solver", ("method", "accuracy", "step")))
     duration = root.get("duration")
     seconds = None if duration is None else duration.number(_DURATION, 1.0)

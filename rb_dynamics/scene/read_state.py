@@ -58,7 +58,7 @@ def past(field: Field | None, body: RigidBody | None) -> Past | None:
     if field is None:
         return None
     section = field.section(_PAST_KEYS)
-    length_ns = int(section.number("after_ns", _NANOSECONDS, 0.0, required=True))
+    length_ns = section.whole("after_ns", _NANOSECONDS, 0, required=True)
     duration = section.get("duration")
     commands = section.get("commands")
     rows = [] if commands is None else commands.items("a list of commands", f"write each as {_COMMAND}")
@@ -77,6 +77,6 @@ def _command(field: Field) -> tuple[str, Wrench, int] | None:
         field.reject("a command", f"write {_COMMAND}")
         return None
     channel, frame = (cell.text("a name", lambda _: True, "write the name in quotes", "") for cell in cells[1:3])
-    time_ns = int(cells[0].number(_NANOSECONDS, 0.0))
+    time_ns = cells[0].whole(_NANOSECONDS, 0)
     fx, fy, fz, tx, ty, tz = (cell.number(_NUMBER, 0.0) for cell in cells[3:])
     return channel, Wrench((fx, fy, fz), (tx, ty, tz), frame, time_ns), time_ns

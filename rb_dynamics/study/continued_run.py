@@ -27,6 +27,7 @@ from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.messages import ACCEL, is_state_change
 from rb_dynamics.logs.own_log import logged_scene, received_commands, row_columns, rows, scene_and_names
+from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.rotation import rotate_inverse
 from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Past, Scene
@@ -94,7 +95,11 @@ def scene_at(log: str | os.PathLike[str], time_ns: int) -> SceneAt:
         changes["duration"] = None
         notes.append("the run ends there, and the scene has no duration: give its length with --duration S")
     elif end_ns is not None:
-        changes["duration"] = (end_ns - time_ns) / 1e9
+        changes["duration"] = left = (end_ns - time_ns) / 1e9
+        if (late_ns := nanoseconds(left) - (end_ns - time_ns)) != 0:
+            notes.append(
+                f"its end is {late_ns:+d} ns from that of the run: a double of so many seconds has gaps of them"
+            )
     elif (ended := source.metadata.get(RESULT, {}).get("end_time_ns")) is not None:
         notes.append(f"the run had no duration; it was stopped after {int(ended) / 1e9:.9g} s")
     if scene.sensors:

@@ -75,6 +75,17 @@ def test_principal_inertia_is_turned_into_body_axes() -> None:
     assert body.principal_moments == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.parametrize("text", ["9007199254740993", "9007199254740991.5", "1.00000000000000000001"])
+def test_a_seed_that_a_double_would_round_is_refused(text: str) -> None:
+    with pytest.raises(SceneError, match=f"seed: found {text}, expected a whole number from 0 to 9007199254740992"):
+        parse_scene(f"{SMALLEST}\nseed: {text}")
+
+
+@pytest.mark.parametrize("text", ["9007199254740991", "+9007199254740991", "9007199254740991.", "9.007199254740991e15"])
+def test_a_long_seed_has_all_its_digits(text: str) -> None:
+    assert parse_scene(f"{SMALLEST}\nseed: {text}").seed == 2**53 - 1
+
+
 @pytest.mark.parametrize("text", ["1e-9", "1E-9", "1.0e-9", ".1e-8", "0.000000001", "+1e-9", "1.e-9"])
 def test_ways_to_write_a_number(text: str) -> None:
     assert parse_scene(f"{SMALLEST}\nsolver: {{accuracy: {text}}}").solver.accuracy == pytest.approx(1e-9, rel=1e-15)

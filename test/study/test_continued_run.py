@@ -266,3 +266,19 @@ def test_a_state_from_outside_is_refused(tmp_path: Path) -> None:
     assert scene_at(log, 400_000_000).notes == ()
     with pytest.raises(rb.LogError, match="moved from outside"):
         scene_at(log, 1_000_000_000)
+
+
+def test_after_months_every_nanosecond_counts(tmp_path: Path) -> None:
+    log, at_ns = tmp_path / "run.mcap", 15_000_000_123_456_789
+    given = {"solver": {"accuracy": 1e-7}, "duration": 2e7, "output_rate": 1e-6}
+    whole = rb.simulate(rb.parse_scene(SCENE, overrides=given), [], [McapSink(log)])
+    found = scene_at(log, at_ns)
+    rest = rb.parse_scene(found.text)
+    assert found.notes == ()
+    assert rest.past is not None
+    assert rest.past.length_ns == at_ns
+    assert bits(rb.simulate(rest)) == bits(whole)
+
+    assert scene_at(log, at_ns - 10**16).notes == (
+        "its end is +2 ns from that of the run: a double of so many seconds has gaps of them",
+    )

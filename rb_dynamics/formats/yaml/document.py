@@ -26,6 +26,7 @@ Value: TypeAlias = "bool | float | str | list[Node] | dict[str, Node] | None"
 
 # YAML 1.1 reads 1e-9 as text, 010 as octal, 1_000 as 1000 and 1:30 as 90. Here a number is what people and other
 # languages write in decimal, and anything else stays text and is reported if a number is expected.
+_WHOLE = re.compile(r"[-+]?[0-9]+")
 _OCTAL = re.compile(r"[-+]?0[0-9]")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
@@ -96,10 +97,14 @@ def value_of(text: str, source: str) -> object:
 
 
 def plain(node: Node) -> object:
-    """Return `node` as numbers, strings, lists and mappings of Python."""
+    """Return `node` as numbers, strings, lists and mappings of Python; long whole numbers keep all digits."""
     if isinstance(node.value, dict):
         return {key: plain(value) for key, value in node.value.items()}
-    return [plain(item) for item in node.value] if isinstance(node.value, list) else node.value
+    if isinstance(node.value, list):
+        return [plain(item) for item in node.value]
+    if isinstance(node.value, float) and abs(node.value) > 2.0**53 and _WHOLE.fullmatch(node.text):
+        return int(node.text)
+    return node.value
 
 
 def from_python(value: object) -> Node:
@@ -125,7 +130,7 @@ def from_python(value: object) -> Node:
 def to_text(document: Node, comment: str) -> str:
     """Return YAML that `parse` reads as `document`, headed by `comment`."""
     body = yaml.dump(
-        _to_python(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
+        plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
     )
     return f"# {printable(comment, 1000)}\n{body}"
 
@@ -146,14 +151,6 @@ def show(node: Node, limit: int = 60) -> str:
 def is_decimal(text: str) -> bool:
     """Return whether `text` is a number in decimal notation."""
     return number_parsing.is_decimal(text) and _OCTAL.match(text) is None
-
-
-def _to_python(node: Node) -> object:
-    if isinstance(node.value, dict):
-        return {name: _to_python(item) for name, item in node.value.items()}
-    if isinstance(node.value, list):
-        return [_to_python(item) for item in node.value]
-    return node.value
 
 
 class _Dumper(yaml.SafeDumper):

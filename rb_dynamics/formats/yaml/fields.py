@@ -11,6 +11,7 @@ import difflib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 from rb_dynamics.formats.yaml.document import Node, is_decimal, join, show
 from rb_dynamics.formats.yaml.problems import Problems, printable
@@ -76,6 +77,17 @@ class Field:
             self.reject(rule.expected, rule.remedy)
         else:
             self.reject(rule.expected, _number_remedy(self.node))
+        return default
+
+    def whole(self, rule: Rule, default: int) -> int:
+        """Return a whole number that `rule` accepts, with all digits: a double has them up to 2^53 only."""
+        value, text = self.number(rule, default), self.node.text
+        if value == default:
+            return default
+        exact = Fraction(text if is_decimal(text) else value)
+        if exact.denominator == 1 and rule.accepts(int(exact)):
+            return int(exact)
+        self.reject(rule.expected, rule.remedy)
         return default
 
     def flag(self, default: bool) -> bool:
@@ -199,6 +211,15 @@ class Section:
         field = self.get(name)
         if field is not None:
             return field.number(rule, default)
+        if required:
+            self.missing(name, rule.expected, f"add the key {name}")
+        return default
+
+    def whole(self, name: str, rule: Rule, default: int, *, required: bool = False) -> int:
+        """Return the whole number `name`, `default` if it is absent."""
+        field = self.get(name)
+        if field is not None:
+            return field.whole(rule, default)
         if required:
             self.missing(name, rule.expected, f"add the key {name}")
         return default

@@ -99,8 +99,8 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
         raise problems.error()
     if control is not None and not problems:
         control = _on_board(root.section("control", _CONTROL_KEYS), control, base)
-    seed, sampling = int(root.number("seed", _SEED, 0.0)), _sampling(root.get("sampling"))
-    runs = int(root.number("runs", _RUNS, 1.0, required=True))
+    seed, sampling = root.whole("seed", _SEED, 0), _sampling(root.get("sampling"))
+    runs = root.whole("runs", _RUNS, 1, required=True)
     found = inputs(root.get("disperse"), base, dict(control.numbers) if control else {})
     if sampling == "sobol" and runs > _MOST_SOBOL and (field := root.get("runs")):
         field.reject(f"at most {_MOST_SOBOL} with sobol", "write fewer, or sampling: random")
