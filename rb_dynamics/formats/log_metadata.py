@@ -21,6 +21,8 @@ INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata in a log whose run, disk or power ended before the log was finished."""
 
 CUT_OFF, DAMAGED = "cut off", "damaged"
+# Among the times of what is missing: a piece of which no time is known.
+UNPLACED = "unknown"
 """Value of `reason` in it for a recovered file; "cut off and damaged" if it was both."""
 
 MISSING_FILES = "missing_files"

@@ -66,6 +66,8 @@ _NEEDED = frozenset(Opcode) - {
 }
 # Stands for the opcode of a chunk that is cut off by the end of the file; no record has it.
 _CUT_CHUNK = -1
+# Likewise of what is left out to salvage, and does not say of when it was.
+_HOLE = -2
 _GIT_LFS = b"version https://git-lfs.github.com/spec/"
 _ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 _RECORD = struct.Struct("<BQ")
@@ -228,6 +230,8 @@ class McapFile:
         damage: what was left out, one line for each piece.
         unchecked: messages have no checksum, so that changed bytes in them would not be seen.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
+        holes: pieces left out so far that do not say so: they stood between the messages around them.
+        unplaced: something else may be left out, and nothing says of when.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
         channels: by channel id, as declared in the data; if there twice, and not alike, to salvage the later counts.
@@ -243,6 +247,8 @@ class McapFile:
     damage: list[str] = field(default_factory=list)
     unchecked: bool = False
     missing: list[tuple[int, int]] = field(default_factory=list)
+    holes: int = 0
+    unplaced: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     channels: dict[int, McapChannel] = field(default_factory=dict)
@@ -325,7 +331,9 @@ class McapFile:
                         continue
                 if self._loose:
                     yield from self._held_messages(take)
-                if opcode == _CUT_CHUNK:
+                if opcode == _HOLE:
+                    self.holes += 1
+                elif opcode == _CUT_CHUNK:
                     yield from self._cut_chunk(content, take)
                 elif opcode == Opcode.CHUNK:
                     yield from self._chunk(content, unpacked, take)
@@ -411,6 +419,7 @@ class McapFile:
             if not self.salvage:
                 raise
             self.damage.append(str(error))
+            self.holes += not summary
 
     def _hold(self, data: bytes) -> None:
         """Keep what a chunk holds until `_held_messages` takes it."""
@@ -537,7 +546,7 @@ class McapFile:
         return "give an .mcap file, such as rosbag2 or simulate --mcap writes"
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the complete records, and the remains of a chunk that was cut off as `_CUT_CHUNK`."""
+        """Yield the complete records, the remains of a chunk that was cut off as `_CUT_CHUNK`, and each `_HOLE`."""
         start, chunked = file.tell(), bool(self._chunks)
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             opcode, length = _RECORD.unpack(head)
@@ -550,6 +559,8 @@ class McapFile:
             astray = opcode == 0 or length > size - start or (opcode == Opcode.FOOTER and length != _FOOTER.size)
             chunked = chunked or opcode == Opcode.CHUNK
             if astray and (following := self._after_damage(file, start, size, chunked)) is not None:
+                if not any(start - _RECORD.size <= at < following for at in self._chunks):
+                    yield _HOLE, b""
                 start = file.seek(following)
                 continue
             if opcode == 0:
@@ -590,6 +601,7 @@ class McapFile:
             self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
         elif _has_end(file, start, size):
             self.damage.append(str(self._damage(f"has no record at {place}, but more after it")))
+            self.unplaced = True
         return following
 
     def _disguised_chunk(self, file: BinaryIO, start: int, size: int, opcode: int, length: int) -> int | None:
@@ -627,6 +639,8 @@ class McapFile:
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
                 if begin_ns <= end_ns < _END_OF_TIME:
                     self.missing.append((begin_ns, end_ns))
+                    return
+            self.holes += 1
 
     def _cut_chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield the messages before the end of the file; a checksum, which is of the whole chunk, proves nothing."""
@@ -676,6 +690,7 @@ class McapFile:
         damage = self._damage(what)
         if not self.salvage:
             raise damage
+        self.unplaced = True
         if str(damage) not in self.damage[-1:]:
             self.damage.append(str(damage))
 

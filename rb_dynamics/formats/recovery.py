@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order
-from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, next_file, version
+from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, UNPLACED, next_file, version
 from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile, require_other
@@ -31,6 +31,7 @@ class Recovered:
         channels: of the new file.
         damage: what could not be read, one line for each piece.
         missing: first and last log time (ns) of such a piece, where it is known.
+        unplaced: something may be missing of which no time is known.
         unchecked: messages have no checksum, so that changed bytes in them would not be seen.
         next_file: name of the file in which the old one says that it continues, or after the last the metadata of the
             bag; "" if they do not say so.
@@ -42,6 +43,7 @@ class Recovered:
     channels: list[McapChannel]
     damage: list[str]
     missing: list[tuple[int, int]]
+    unplaced: bool = False
     unchecked: bool = False
     next_file: str = ""
     absent_before: Sequence[str] = ()
@@ -110,25 +112,37 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     # A file that is not MCAP at all is noticed before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
+    holes, before_ns = 0, None
     with OutputFile.whole(target) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)
+            if old.holes > holes and before_ns is not None:
+                # Messages stand in the order in which they came, which need not be that of their times.
+                begin_ns, end_ns = sorted((before_ns, message.log_time))
+                old.missing.append((begin_ns, end_ns))
+            old.unplaced |= old.holes > holes and before_ns is None
+            holes, before_ns = old.holes, message.log_time
             facts.counts[message.channel.topic] += 1
             facts.start_ns = min(facts.start_ns, message.log_time)
             facts.end_ns = max(facts.end_ns, message.log_time)
+        old.unplaced |= old.holes > holes
         facts.start_ns = min(facts.start_ns, facts.end_ns)
         if not old.complete or old.damage:
             found = [CUT_OFF] * (not old.complete) + [DAMAGED] * bool(old.damage)
-            missing = ", ".join(f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing)
-            told = {"reason": " and ".join(found), "last_message_ns": str(facts.end_ns), "missing_ns": missing}
+            missing = [f"{begin_ns} {end_ns}" for begin_ns, end_ns in old.missing] + [UNPLACED] * old.unplaced
+            told = {
+                "reason": " and ".join(found),
+                "last_message_ns": str(facts.end_ns),
+                "missing_ns": ", ".join(missing),
+            }
             old.metadata.setdefault(INTERRUPTED, told)
         # What a damaged summary alone says of channels is copied only where it gives messages their topic.
         declared = old.channels.items()
         channels = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
         copy.finish(channels, old.attachments, old.metadata)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
-    lost = old.damage, old.missing
+    lost = old.damage, old.missing, old.unplaced
     return Recovered(facts, state, channels, *lost, old.unchecked, next_file(old.metadata))
 
 

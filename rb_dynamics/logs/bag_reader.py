@@ -25,6 +25,7 @@ from rb_dynamics.formats.log_metadata import (
     RESULT,
     RUN,
     TOPICS,
+    UNPLACED,
     in_simulation_time,
     loss,
     next_file,
@@ -111,6 +112,11 @@ class Bag:
         told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
         pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
         return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
+
+    @property
+    def unplaced(self) -> bool:
+        """Whether something may be missing of which no time is known."""
+        return UNPLACED in self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
 
     def called(self, name: str) -> str:
         """Return what the topic `name` of the scene is called in a log of this package."""

@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
         for begin_ns, end_ns in each.missing:
             begin, end = ((time_ns - start_ns) * 1e-9 for time_ns in (begin_ns, end_ns))
             print(f"  missing: t = {begin:.9g} to {end:.9g} s")
+        if each.unplaced:
+            print("  messages may be missing of which no time is known")
     if saved[-1].next_file:
         print(f"  the next file, {saved[-1].next_file}, is missing")
     since = f"; t counts from the first message, log time {seconds_text(start_ns)} s" if start_ns else ""
