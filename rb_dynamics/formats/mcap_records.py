@@ -331,9 +331,8 @@ class McapFile:
                         continue
                 if self._loose:
                     yield from self._held_messages(take)
-                if opcode == _HOLE:
-                    self.holes += 1
-                elif opcode == _CUT_CHUNK:
+                self.holes += opcode == _HOLE
+                if opcode == _CUT_CHUNK:
                     yield from self._cut_chunk(content, take)
                 elif opcode == Opcode.CHUNK:
                     yield from self._chunk(content, unpacked, take)
@@ -348,7 +347,7 @@ class McapFile:
                     self._hold_statistics()
                     self._hold_end(file)
                     return
-                elif opcode != Opcode.MESSAGE:
+                elif opcode not in (Opcode.MESSAGE, _HOLE):
                     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                         yield from self._held_messages(take)
                     self._note_loose(opcode, content, summary=data_ended)
