@@ -59,6 +59,7 @@ class _Recorder:
     def __init__(self, bag: Path, stream: rr.RecordingStream) -> None:
         self.bag, self.stream, self.count = bag, stream, 0
         self.paths: dict[str, Polyline] = {}
+        self.dated: dict[str, bool] = {}
 
     def take(self, messages: Messages) -> None:
         """Send messages of one topic."""
@@ -70,18 +71,34 @@ class _Recorder:
             self.paths[messages.topic] = Polyline(PATH_POINTS)
             self._describe(entity, messages)
         self.count += len(messages.log_times)
-        columns = [_times("log_time", messages.log_times)]
-        columns += [] if messages.stamps is None else [_times("stamp", messages.stamps)]
         for quantity, values in messages.values.items():
-            known = np.isfinite(values)
-            if known.all():
-                scalars = rr.Scalars.columns(scalars=values)
-                self.stream.send_columns(f"{entity}/{quantity.name}", columns, scalars, strict=True)
-        if POSITION in messages.values and np.isfinite(messages.values[POSITION]).all():
-            position = messages.values[POSITION]
-            self.paths[messages.topic].extend(position)
-            poses = rr.Transform3D.columns(translation=position, quaternion=messages.values[ORIENTATION])
-            self.stream.send_columns(f"{entity}/body", columns, poses, strict=True)
+            known = np.isfinite(values).all(axis=1)
+            if known.any():
+                scalars = rr.Scalars.columns(scalars=values[known])
+                self.stream.send_columns(
+                    f"{entity}/{quantity.name}", self._times(messages, known), scalars, strict=True
+                )
+        if POSITION in messages.values:
+            position, orientation = messages.values[POSITION], messages.values[ORIENTATION]
+            known = np.isfinite(np.column_stack([position, orientation])).all(axis=1)
+            if known.any():
+                self.paths[messages.topic].extend(position[known])
+                poses = rr.Transform3D.columns(translation=position[known], quaternion=orientation[known])
+                self.stream.send_columns(f"{entity}/body", self._times(messages, known), poses, strict=True)
+
+    def _times(self, messages: Messages, known: NDArray[np.bool_]) -> list[rr.TimeColumn]:
+        """Return the times of the messages that are `known`; a timeline has dates or durations, for all topics."""
+        import rerun as rr
+
+        columns = []
+        for name, times in (("log_time", messages.log_times), ("stamp", messages.stamps)):
+            if times is None:
+                continue
+            if self.dated.setdefault(name, int(times.max()) > _DATES_NS):
+                columns.append(rr.TimeColumn(name, timestamp=times[known].astype("datetime64[ns]")))
+            else:
+                columns.append(rr.TimeColumn(name, duration=times[known].astype("timedelta64[ns]")))
+        return columns
 
     def end(self) -> None:
         """Send the path of each topic that has one, with body axes long enough to be seen beside it."""
@@ -112,11 +129,3 @@ class _Recorder:
 def _names(quantity: Quantity) -> list[str]:
     unit = f" [{quantity.unit}]" if quantity.unit else ""
     return [f"{quantity.name} {axis}".strip() + unit for axis in quantity.axes]
-
-
-def _times(name: str, time_ns: NDArray[np.int64]) -> rr.TimeColumn:
-    import rerun as rr
-
-    if int(time_ns[0]) > _DATES_NS:
-        return rr.TimeColumn(name, timestamp=time_ns.astype("datetime64[ns]"))
-    return rr.TimeColumn(name, duration=time_ns.astype("timedelta64[ns]"))

@@ -29,6 +29,7 @@ from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.logs.topics_of_channels import names_in_scene
+from rb_dynamics.logs.unset_stamps import FAR_NS
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.simulation import simulate
@@ -211,7 +212,9 @@ class _Flights:
         commands = self._commands(scene, other.track)
         if scene.duration is None:
             begin, end = other.track.span_ns
-            length = end - (0 if commands is None else _start_of(commands)) if end > begin else 0
+            # Without commands, stamps count from time 0 of the run only where they are not those of another clock.
+            first = begin * (begin > FAR_NS) if commands is None else _start_of(commands)
+            length = end - first if end > begin else 0
             if length <= 0:
                 raise LogError(
                     f"{scene.source} has no duration and {bag.path} no motion, expected one of them; write duration "

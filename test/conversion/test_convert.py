@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import math
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -308,3 +310,33 @@ def test_a_wrench_that_lags_is_marked_once_for_each_command(tmp_path):
     marks = "world/path/commands", "Points3D:positions"
     assert len(one.values(*marks)) == 2
     assert other.values(*marks).tolist() == one.values(*marks).tolist()
+
+
+def test_a_recording_of_a_bag_keeps_what_is_finite_and_one_kind_of_times(tmp_path):
+    pytest.importorskip("rerun")
+    from bag_rows import write_rows
+    from rerun.chunk import RrdReader
+
+    from rb_dynamics.formats import cdr
+    from rb_dynamics.formats.message_types import POSE, WRENCH
+
+    dated = 1_700_000_000_000_000_000
+    at = [dated + i * 10**7 for i in range(50)]
+    poses = [(math.nan if i == 3 else 0.1 * i, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0) for i in range(50)]
+    rows = [("/pose", POSE, time, cdr.encode(POSE, 0, "world", pose)) for time, pose in zip(at, poses, strict=True)]
+    rows += [("/push", WRENCH, time, cdr.encode(WRENCH, time, "body", (1.0, *[0.0] * 5))) for time in at]
+    bag, target = write_rows(tmp_path / "bag.mcap", sorted(rows, key=lambda row: row[2])), tmp_path / "bag.rrd"
+    assert command("convert", bag, target).returncode == 0
+    chunks = [chunk for chunk in RrdReader(target).stream().to_chunks() if not chunk.is_static]
+    rows: Counter[str] = Counter()
+    for chunk in chunks:
+        rows[chunk.entity_path] += chunk.num_rows
+    assert rows == {
+        "/pose/position": 49,
+        "/pose/orientation": 50,
+        "/pose/body": 49,
+        "/push/force": 50,
+        "/push/torque": 50,
+    }
+    kinds = {str(chunk.to_record_batch().schema.field("stamp").type) for chunk in chunks}
+    assert len(kinds) == 1

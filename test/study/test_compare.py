@@ -787,3 +787,10 @@ def test_a_body_that_was_moved_is_told_as_a_cause(folder: Path, log: Path) -> No
     told = [note for note in found.notes if "set_state" in note]
     assert told == ["B was moved to another state (set_state) at t = 2 s: the motions differ from then on in any case"]
     assert not any("set_state" in note for note in rb.compare(folder / "moved.mcap", folder / "moved.mcap").notes)
+
+
+def test_a_scene_without_duration_flies_as_long_as_a_bag_without_commands_whatever_its_clock(folder: Path) -> None:
+    bag = foreign(folder / "dated.mcap", fly(folder / "free.mcap", []), later_ns=LATER)
+    found = rb.compare(rb.parse_scene(SCENE.replace("duration: 4.0\n", "")), bag, align="start")
+    assert found.differences["attitude"].max < 1e-9
+    assert found.share == pytest.approx(1.0)
