@@ -21,9 +21,10 @@ INTERRUPTED = "rb_dynamics.interrupted"
 """Name of the metadata in a log whose run, disk or power ended before the log was finished."""
 
 CUT_OFF, DAMAGED = "cut off", "damaged"
-# Among the times of what is missing: a piece of which no time is known.
-UNPLACED = "unknown"
 """Value of `reason` in it for a recovered file; "cut off and damaged" if it was both."""
+
+UNPLACED = "unknown"
+"""Stands in `missing_ns` beside the times of what is missing: a piece of which no time is known."""
 
 MISSING_FILES = "missing_files"
 """Key in it of the missing files of a bag that has later ones."""
