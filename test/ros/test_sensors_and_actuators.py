@@ -1,16 +1,18 @@
-"""Sensors and actuators over DDS: a loop that hears an IMU alone, in lockstep; thrusters by topics; both replay."""
+"""Sensors and actuators over DDS: loops that hear sensors alone, in lockstep; thrusters by topics; all replay."""
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import QuaternionStamped
-from ros_harness import Peer, running, stamp, values
+from ros_harness import KEEP_ALL, Peer, running, stamp, values
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
 
+from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.study.replay import replay
 
@@ -57,6 +59,52 @@ def test_a_controller_that_hears_sensors_alone_closes_the_loop(tmp_path: Path, p
     for _, _, ((level, _, told, _, _),) in read_bag(log).topics["/diagnostics"].decoded():
         assert level == 1
         assert "slow: the body turns by 1.1 rad from one message to the next at its initial rate" in told
+
+
+WHEELS = """
+body: {mass: 2, inertia: {diagonal: [0.1, 0.2, 0.25]}}
+initial: {angular_velocity_body: [0.3, -0.2, 0.4]}
+wrenches: [{topic: time}]
+actuators:
+  - {type: reaction_wheel, name: wheel_x, axis: [1, 0, 0], inertia: 1.0e-3, friction: {coulomb: 1.0e-4}}
+  - {type: reaction_wheel, name: wheel_y, axis: [0, 1, 0], inertia: 1.0e-3, max_torque: 0.08}
+  - {type: reaction_wheel, name: wheel_z, axis: [0, 0, 1], inertia: 1.0e-3}
+sensors: [{type: imu, name: imu, rate: 50.0, gyro: {noise_density: 1.0e-3}, delay: 0.005}]
+seed: 2
+duration: 1.0
+output_rate: 20.0
+"""
+
+
+def fly(scene: Path, log: Path) -> None:
+    """Damp the rate by gyros and wheels; the empty wrench that moves time follows on the commands to the wheels."""
+    with contextlib.closing(Peer()) as peer, running(scene, lockstep=True, mcap=log) as node:
+        imu = peer.listen(Imu, "imu")
+        wheels = [peer.node.create_publisher(Float64, f"wheel_{axis}/command", KEEP_ALL) for axis in "xyz"]
+        peer.until(lambda: all(wheel.get_subscription_count() > 0 for wheel in wheels), "readers")
+        peer.wrench("time", stamp_ns=5_000_000)
+        for k in range(50):
+            peer.until(lambda k=k: len(imu) > k, "the next message")
+            rate = imu[k].angular_velocity
+            for wheel, turning in zip(wheels, (rate.x, rate.y, rate.z), strict=True):
+                wheel.publish(Float64(data=0.5 * turning))
+            peer.wrench("time", stamp_ns=20_000_000 * k + 25_000_000)
+        assert node.wait() == 0
+
+
+def test_a_loop_of_gyros_and_wheels_in_lockstep_flies_the_same_bits_again(tmp_path: Path) -> None:
+    scene, logs = tmp_path / "scene.yaml", [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    scene.write_text(WHEELS)
+    for log in logs:
+        fly(scene, log)
+        assert replay(log).identical
+    first, again = map(read_bag, logs)
+    assert first.metadata[RESULT]["states_sha256"] == again.metadata[RESULT]["states_sha256"]
+    rates = first.topics["/twist"].numbers[:, 3:]
+    assert abs(rates[-1]).max() < 0.3 * abs(rates[0]).max()
+    # Each acted when the message that it answers had come.
+    for axis in "xyz":
+        assert first.scalars(f"/wheel_{axis}/command")[0].tolist() == [5_000_000 + 20_000_000 * k for k in range(50)]
 
 
 def test_actuators_are_commanded_by_topics_and_what_they_refuse_is_counted(tmp_path: Path, peer: Peer) -> None:
