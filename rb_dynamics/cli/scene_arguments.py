@@ -110,8 +110,13 @@ def _read(args: argparse.Namespace) -> tuple[Scene, dict[str, str], bool]:
 
 
 def listed(commands: RecordedWrenches | list[tuple[str, Wrench]]) -> list[Command]:
-    """Return all of what `read_with_commands` gives, commands to actuators too."""
-    return list(commands) if isinstance(commands, list) else [*commands, *commands.setpoints]
+    """Return all of what `read_with_commands` gives, commands to actuators too, and to those that are not there."""
+    if isinstance(commands, list):
+        return list(commands)
+    from rb_dynamics.loads.actuator import Setpoint
+
+    absent = [(topic, each) for topic, times_ns in commands.to_absent.items() for each in times_ns.tolist()]
+    return [*commands, *commands.setpoints, *((topic, Setpoint(math.nan, time_ns)) for topic, time_ns in absent)]
 
 
 def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenches | list[tuple[str, Wrench]]]:

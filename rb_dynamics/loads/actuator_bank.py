@@ -172,7 +172,8 @@ class ActuatorBank:
         place = self._index.get(topic.lstrip("/"))
         if place is None:
             known = ", ".join(sorted(self._index)) or "none: the scene lists no actuators"
-            raise WrenchError(f"topic {topic!r}, expected that of an actuator, one of {known}; name it with {COMMAND}")
+            remedy = "name one of these" if topic.endswith(COMMAND) else f"name it with {COMMAND}"
+            raise WrenchError(f"topic {topic!r}, expected that of an actuator, one of {known}; {remedy}")
         return place
 
     def _push(self, time_ns: int, actuator: int, value: float) -> None:

@@ -160,6 +160,7 @@ class _Recording:
         moves: states in it to which the body was moved from outside.
         drives: topics of commands to the scene's actuators.
         drives_nothing: topics that look like such commands, but are those of no actuator.
+        missed: log times of the commands on those of them that are not mapped away from an actuator, by topic.
         unused: topics of other wrenches, and of the scene's actuators with another type, each with its type.
     """
 
@@ -201,6 +202,7 @@ class _Recording:
     moves: int = 0
     drives: set[str] = field(default_factory=set)
     drives_nothing: set[str] = field(default_factory=set)
+    missed: dict[str, list[Times]] = field(default_factory=dict)
     unused: dict[str, str] = field(default_factory=dict)
     stamps: _Span = field(default_factory=_Span)
     log_times: _Span = field(default_factory=_Span)
@@ -513,7 +515,7 @@ class RecordedWrenches:
             LogError: gives the times of its commands, and why.
         """
         for bag in self._bags:
-            if not (bag.count or self.setpoints) and (bag.lost or not (bag.ours or len(self))):
+            if not (bag.count or self.setpoints) and (bag.lost or not (bag.ours or any(b.count for b in self._bags))):
                 found = f"{bag.path} {bag.lost}: no command is left in it" if bag.lost else f"{bag.path} has no command"
                 raise LogError(
                     f"{found}, expected at least one; give a bag with some, or leave out --wrench to let the body coast"
@@ -539,8 +541,8 @@ class RecordedWrenches:
         return sum(command.stamp_ns > self._end_ns for _, command in self.setpoints)
 
     def __len__(self) -> int:
-        """Return how many there are."""
-        return sum(bag.count for bag in self._bags) + len(self.setpoints)
+        """Return how many there are, those in `to_absent` too."""
+        return sum(bag.count for bag in self._bags) + len(self.setpoints) + sum(map(len, self.to_absent.values()))
 
     @property
     def first_stamps(self) -> list[tuple[str, int]]:
@@ -565,6 +567,15 @@ class RecordedWrenches:
                 if (topic := self._drives(message.channel)) is not None
             )
         return found
+
+    @cached_property
+    def to_absent(self) -> dict[str, Times]:
+        """When commands to actuators come that the scene does not have, by topic: they are rejected."""
+        found: dict[str, list[Times]] = {}
+        for bag in self._bags:
+            for topic, blocks in bag.missed.items():
+                found.setdefault(topic, []).append(bag.line.stamps(np.concatenate(blocks)) - bag.offset_ns)
+        return {topic: np.concatenate(times) for topic, times in found.items()}
 
     def _drives(self, channel: McapChannel) -> str | None:
         """Return the topic of an actuator, as the scene writes it, that the messages of a channel command."""
@@ -608,9 +619,8 @@ class RecordedWrenches:
             kind, name = named_type(block.channel), block.channel.topic
             if is_state_change(name, kind):
                 bag.moves += len(block.log_times)
-            if self._drives(block.channel) is not None:
-                bag.setpoints.add(block.log_times)
-                bag.bare_times.setdefault(name, []).append(block.log_times)
+            if kind == SCALAR:
+                self._count_setpoints(bag, block)
             if kind not in WRENCHES:
                 bag.take(block, kind)
             if kind in WRENCHES:
@@ -704,6 +714,14 @@ class RecordedWrenches:
             except WrenchError as error:
                 bag.acting -= 0 <= wrench.stamp_ns < self._end_ns
                 bag.refused = bag.refused or str(error)
+
+    def _count_setpoints(self, bag: _Recording, block: MessageBlock) -> None:
+        name, own = block.channel.topic, {topic.removeprefix("/") for topic in self._commanded}
+        if self._drives(block.channel) is not None:
+            bag.setpoints.add(block.log_times)
+            bag.bare_times.setdefault(name, []).append(block.log_times)
+        elif name.endswith(COMMAND) and name.removeprefix("/") not in own:
+            bag.missed.setdefault(name, []).append(block.log_times)
 
     def _expired(self, commands: CommandBatch) -> NDArray[np.bool_]:
         """Return which commands have ended before time 0 by the timeouts of their channels."""

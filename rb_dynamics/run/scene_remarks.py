@@ -48,9 +48,12 @@ def command_remarks(commands: Iterable[tuple[str, int]], scene: Scene, end: Samp
 
     Of each command, `commands` has topic and stamp (ns).
     """
+    topics = *(each.topic for each in scene.channels), *(each.topic for each in scene.actuators)
+    known = {topic.lstrip("/") for topic in topics}
     stamps: dict[str, list[int]] = {}
     for topic, stamp_ns in commands:
-        stamps.setdefault(topic, []).append(stamp_ns)
+        if topic.lstrip("/") in known:
+            stamps.setdefault(topic, []).append(stamp_ns)
     streams = {topic: times for topic, times in stamps.items() if len(times) >= STREAM}
     if not streams:
         return []

@@ -106,10 +106,12 @@ class Batches(Protocol):
 
     Attributes:
         setpoints: commands to actuators, by topic.
+        to_absent: times (ns) of commands to actuators that the scene does not have, by topic.
         first_stamps: topic and stamp (ns) of the first commands on each channel.
     """
 
     setpoints: Sequence[tuple[str, Setpoint]]
+    to_absent: Mapping[str, npt.NDArray[np.int64]]
     first_stamps: Sequence[tuple[str, int]]
 
     def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
@@ -1273,6 +1275,10 @@ def rejected_words(reasons: Sequence[str]) -> list[str]:
 def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
     """As `_post_ahead`, for commands as arrays."""
     rejected += _post(run, commands.setpoints)
+    for topic, times_ns in commands.to_absent.items():
+        # Not one text for each: a robot may have many such topics.
+        first_ns = int(times_ns.min())
+        rejected += run.try_post(topic, Setpoint(math.nan, first_ns), first_ns) * len(times_ns)
     for batch, until_ns in commands.batches():
         rejected += run.post_batch(batch)
         if until_ns is not None and until_ns > 0 and not run.ended:
