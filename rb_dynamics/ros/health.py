@@ -71,6 +71,9 @@ class Health:
     """The content of `/diagnostics`. A warning stays for the whole run, as it may happen when no one is watching.
 
     A condition is a warning that disappears when it no longer holds.
+
+    Attributes:
+        unheard: number of topics with commands to actuators that are not there.
     """
 
     def __init__(self, name: str, topics: Sequence[str], say: Callable[[int, str], None]) -> None:
@@ -79,6 +82,7 @@ class Health:
         self._next_ns = time.monotonic_ns()
         # Conditions outside this node; a reset does not change them.
         self._conditions: dict[str, str] = {}
+        self.unheard = 0
         self.clear()
 
     def clear(self) -> None:
@@ -208,6 +212,8 @@ class Health:
             states = asdict(self.states).items()
             values |= {f"~/set_state: {name.replace('_', ' ')}": str(count) for name, count in states}
         values |= {f"{topic}: incompatible QoS": str(count) for topic, count in self._mismatches.items()}
+        if self.unheard:
+            values["topics of absent actuators"] = str(self.unheard)
         for wheel, speed in self.hold_wheels(simulation):
             values[f"{wheel.name}: speed"] = f"{speed:.6g} rad/s"
         wrong = [

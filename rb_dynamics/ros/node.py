@@ -52,7 +52,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS, split_stamp
 from rb_dynamics.ros import conversions
 from rb_dynamics.ros.command_statistics import Losses
 from rb_dynamics.ros.health import ERROR, OK, Health, Throttle
-from rb_dynamics.ros.other_nodes import Neighbours
+from rb_dynamics.ros.other_nodes import Neighbours, unheard_commands
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.publishers import TopicSink
 from rb_dynamics.ros.runner import Runner
@@ -216,6 +216,7 @@ class RigidBodyNode(Node):
         if self._health.due():
             self.runner.every_second()
             self._hear_types()
+            self._hear_of_absent()
             self._miss_logs()
             if self._settings.logs.names or self._topic_sink.status_is_read:
                 self.runner.report()
@@ -391,6 +392,14 @@ class RigidBodyNode(Node):
             ]
         remedy = "it has no effect: lockstep needs WrenchStamped, else a channel takes WrenchStamped or only Wrench"
         self._health.holds("types", (unheard and f"{'; '.join(unheard)}; {remedy}") or "")
+
+    def _hear_of_absent(self) -> None:
+        """Warn of commands to actuators that the scene does not have."""
+        topics = unheard_commands(self)
+        self._health.unheard = len(topics)
+        known = ", ".join(self.resolve_topic_name(topic) for topic in self._actuators) or "none, as the scene has none"
+        told = f"{', '.join(topics)}: commands that no node receives, expected those of an actuator here: {known}"
+        self._health.holds("absent", told if topics else "")
 
     def _on_wrenches(self, topic: str, message: bytes, facts: dict[str, Any]) -> None:
         self._take(topic, message, facts)

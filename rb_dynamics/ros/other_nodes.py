@@ -1,4 +1,7 @@
-"""`Neighbours`: finds other nodes that publish our topics, and readers with incompatible QoS; `unconnected` readers."""
+"""`Neighbours`: finds other nodes that publish our topics, and readers with incompatible QoS; `unconnected` readers.
+
+`unheard_commands` finds commands to actuators that are not there.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
+from rb_dynamics.formats.message_types import SCALAR
+from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.ros.health import Health
 
 # By parameter name: the policy offered, and the one a reader may request beyond it.
@@ -100,6 +105,23 @@ def unconnected(node: Node, publishers: Iterable[Publisher]) -> dict[str, tuple[
         if (connected := publisher.get_subscription_count()) < fitting:
             found[publisher.topic_name] = connected, fitting
     return found
+
+
+def unheard_commands(node: Node) -> list[str]:
+    """Return the topics NAME/command in the namespace of `node` that are published as Float64 and that no node reads.
+
+    The node cannot hear what it does not subscribe to, but the graph tells of it.
+    """
+    start = node.get_namespace().rstrip("/") + "/"
+    return [
+        topic
+        for topic, kinds in node.get_topic_names_and_types()
+        if SCALAR in kinds
+        and topic.startswith(start)
+        and topic.endswith(COMMAND)
+        and topic.count("/") == start.count("/") + 1
+        and not node.count_subscribers(topic)
+    ]
 
 
 def _suits(publisher: Publisher, reader: Any) -> bool:

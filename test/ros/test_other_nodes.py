@@ -64,6 +64,32 @@ def test_what_is_told_to_a_reader_helps(tmp_path: Path, peer: Peer) -> None:
         assert node.stop() == 0, node.err
 
 
+def test_commands_to_actuators_that_are_not_there_are_a_warning_until_they_stop(tmp_path: Path, peer: Peer) -> None:
+    """Not those that another node hears, of another type, or in another namespace."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("""
+body: {mass: 2, inertia: {diagonal: [0.1, 0.2, 0.25]}}
+wrenches: []
+actuators: [{type: reaction_wheel, name: wheel_x, axis: [1, 0, 0], inertia: 1.0e-3}]
+""")
+    peer.node.create_subscription(Float64, "/sat/arm/command", lambda _: None, 1)
+    others = ("/sat/wheel_x/command", "/sat/arm/command", "/sat/wheel_q/speed", "/other/wheel_q/command")
+    for topic in others:
+        peer.node.create_publisher(Float64, topic, 1)
+    peer.node.create_publisher(PoseStamped, "/sat/goal/command", 1)
+    absent = peer.node.create_publisher(Float64, "/sat/wheel_q/command", 1)
+    with running(scene, "-r", "__ns:=/sat") as node:
+        diagnostics = peer.diagnostics()
+        told = "/sat/wheel_q/command: commands that no node receives, expected those of an actuator here: "
+        peer.until(lambda: diagnostics and told in diagnostics[-1].status[0].message, "a word of it")
+        assert diagnostics[-1].status[0].message == f"{told}/sat/wheel_x/command"
+        assert values(diagnostics[-1])["topics of absent actuators"] == "1"
+        peer.node.destroy_publisher(absent)
+        peer.until(lambda: "topics of absent actuators" not in values(diagnostics[-1]), "the all-clear")
+        assert node.stop() == 0, node.err
+    assert node.err.count(told) == 1
+
+
 def test_another_node_with_our_topics_is_a_warning_until_it_stops(scene: Path, peer: Peer) -> None:
     with running(scene) as node:
         diagnostics = peer.diagnostics()
