@@ -58,6 +58,7 @@ from rb_dynamics.scene import parse_scene as parse_scene
 from rb_dynamics.scene import read_scene as read_scene
 from rb_dynamics.scene.model import Scene as Scene
 from rb_dynamics.scene.model import Solver as Solver
+from rb_dynamics.sensors.attitude_sensors import AttitudeErrorSensor as AttitudeErrorSensor
 from rb_dynamics.sensors.attitude_sensors import PoseSensor as PoseSensor
 from rb_dynamics.sensors.attitude_sensors import StarTracker as StarTracker
 from rb_dynamics.sensors.attitude_sensors import SunSensor as SunSensor

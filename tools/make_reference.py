@@ -224,6 +224,7 @@ MEANING = {
     "orientation_noise": "rad, likewise of the angle about each axis",
     "direction_world": "direction of the sun",
     "field_of_view": "rad, largest angle between the sun and the x axis of its frame; by default π",
+    "target": "`{x:, y:, z:, w:}`, rotation from its frame to the world that the body is to have",
     "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
 }
 
@@ -250,6 +251,7 @@ MEASURES = {
     "magnetometer": "Magnetic flux density, in T; `effects` must have a `magnetic_field`.",
     "sun_sensor": "Direction of the sun in its axes; no message while the sun is out of its view.",
     "pose": "Position and attitude of its frame, as motion capture gives them.",
+    "attitude_error": "Rotation vector from a target to its attitude, in rad; its length is the pointing error.",
 }
 
 EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": "config/boxes.yaml"}

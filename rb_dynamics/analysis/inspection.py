@@ -22,6 +22,7 @@ from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.numerics.argument_checks import number, quaternion, shown
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.sensors.attitude_sensors import AttitudeErrorSensor
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ def inspect(
         bound: largest defect accepted, relative to the largest energy or momentum.
         topics: which topics describe the body; found by type and name where it does not say.
         window_s: first and last time to inspect, s: simulation time, or since the start of the motion in a bag.
-        target: attitude xyzw, body to world, that the body is to point at: its angle from it is analysed too.
+        target: attitude xyzw, body to world, that the body is to point at: its angle from it is analysed too. That of
+            the first `attitude_error` of the scene if not given.
 
     Raises:
         TypeError: an argument has the wrong type.
@@ -79,6 +81,9 @@ def inspect(
     track = read_track(read_bag(log, repeated=False), known, topics)
     if window_s != (None, None):
         track = read_track(part_of(track, window_s), known, topics)
+    if aim is None and track.scene is not None:
+        errors = (each for each in track.scene.sensors if isinstance(each, AttitudeErrorSensor))
+        aim = next((each.aim(each.fixed(track.scene.frames)) for each in errors), None)
     if aim is not None:
         track = replace(track, pointing=pointing_error(track, aim))
     return Inspection(track, summarize(track, bound))

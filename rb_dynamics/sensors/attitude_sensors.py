@@ -1,4 +1,4 @@
-"""Attitude sensors: a star tracker, motion capture (`pose`) and a sun sensor."""
+"""Attitude sensors: a star tracker, motion capture (`pose`), a sun sensor, and the error from a target attitude."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.number_ranges import Range, check_vector
 from rb_dynamics.loads.wrench import FixedFrame
-from rb_dynamics.numerics.rotation import Quaternion, exp, multiply, normalize, rotate, rotate_inverse
+from rb_dynamics.numerics.argument_checks import quaternion
+from rb_dynamics.numerics.rotation import Quaternion, conjugate, exp, log, multiply, normalize, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, norm, scale
 from rb_dynamics.sensors.random_numbers import Key, RandomNumbers, normal_numbers
 from rb_dynamics.sensors.sensor import Reading, Sensor, Truth, diagonal
@@ -179,5 +181,57 @@ class SunSensor(Sensor):
         def read(sample: int, truth: Truth) -> tuple[float, ...] | None:
             true = rotate_inverse(multiply(truth.orientation_xyzw, place.orientation_xyzw), direction)
             return None if true[0] < least else seen(true, self.noise, random.key, 0, sample)
+
+        return read
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeErrorSensor(Sensor):
+    """The rotation vector (rad) from a target to the attitude of its frame; its length is the pointing error.
+
+    In the axes of its frame, of at most half a turn, and without errors: a quantity to log rather than a device.
+
+    Attributes:
+        target: rotation from its frame to the world that the body is to have.
+    """
+
+    kind: ClassVar[str] = "attitude_error"
+    message: ClassVar[str] = "geometry_msgs/msg/Vector3Stamped"
+    keys: ClassVar[tuple[str, ...]] = ("target",)
+    values: ClassVar[Mapping[str, slice]] = {"rotation": slice(0, 3)}
+
+    target: Quaternion
+
+    def __post_init__(self) -> None:
+        """Check the arguments, as `Sensor` does.
+
+        Raises:
+            TypeError: an argument is not of its type.
+            SceneError: a number is out of range, or the target is no attitude.
+        """
+        super().__post_init__()
+        object.__setattr__(self, "target", quaternion(self.target, f"{self.kind}: target", SceneError))
+
+    @property
+    def ideal(self) -> AttitudeErrorSensor:
+        """The same sensor without losses."""
+        return replace(self, dropout=0.0)
+
+    @classmethod
+    def read(cls, entry: SceneEntry) -> AttitudeErrorSensor:
+        """Return the sensor of an entry."""
+        if not entry.has("target"):
+            entry.section.missing("target", "a unit quaternion", "add target: {x: 0, y: 0, z: 0, w: 1}")
+        return cls(**cls._common(entry), target=entry.section.quaternion("target"))
+
+    def aim(self, place: FixedFrame) -> Quaternion:
+        """Return the attitude of the body that has its frame at the target."""
+        return multiply(self.target, conjugate(place.orientation_xyzw))
+
+    def measuring(self, random: RandomNumbers, place: FixedFrame) -> Reading:
+        """Begin to measure."""
+
+        def read(_: int, truth: Truth) -> tuple[float, ...]:
+            return log(multiply(conjugate(self.target), multiply(truth.orientation_xyzw, place.orientation_xyzw)))
 
         return read

@@ -253,3 +253,45 @@ duration: 6.283
     for each in found:
         angle = each.taken_ns * 1e-9
         assert each.numbers == pytest.approx((math.cos(angle), -math.sin(angle), 0.0), abs=1e-9)
+
+
+def test_the_pointing_error_from_a_target_is_logged(tmp_path: Path) -> None:
+    """A body at the target turned by 0.1 rad about y turns on about it; in a log, in replay, and in inspect."""
+    target, turn = Rotation.from_rotvec([0.4, -0.3, 2.0]), Rotation.from_rotvec([0.0, 0.1, 0.0])
+    frame = Rotation.from_quat([0.0, 0.0, 0.6, 0.8])
+
+    def written(rotation: Rotation) -> str:
+        return (
+            "{" + ", ".join(f"{name}: {float(x)!r}" for name, x in zip("xyzw", rotation.as_quat(), strict=True)) + "}"
+        )
+
+    text = f"""
+body:
+  mass: 3
+  inertia: {{diagonal: [1, 1, 1]}}
+  frames: {{camera: {{position: [0, 0, 0], orientation: {written(frame)}}}}}
+initial: {{orientation: {written(target * turn)}, angular_velocity_body: [0, 0.05, 0]}}
+wrenches: []
+sensors:
+  - {{type: attitude_error, name: pointing, rate: 2, target: {written(target)}}}
+  - {{type: attitude_error, name: looking, frame: camera, rate: 2, target: {written(target)}}}
+duration: 2
+output_rate: 2
+"""
+    path = tmp_path / "run.mcap"
+    sink = rb.MemorySink()
+    rb.simulate(rb.parse_scene(text), sinks=[sink, McapSink(path)])
+    angle = 0.1 + 0.05 * 0.5 * np.arange(5)
+    found = numbers(sink.measurements, "pointing")
+    assert found == pytest.approx(np.outer(angle, [0.0, 1.0, 0.0]), abs=1e-15)
+    looking = (Rotation.from_rotvec(found) * frame).as_rotvec()
+    assert numbers(sink.measurements, "looking") == pytest.approx(looking, abs=1e-15)
+    assert replay(path).identical
+    (message, *_) = [each for each in open_source(path).messages() if each.channel.topic == "/pointing"]
+    assert cdr.decode("geometry_msgs/msg/Vector3Stamped", message.data) == (0, "body", tuple(found[0]))
+    pointing = rb.inspect(path).track.pointing
+    assert pointing is not None
+    assert pointing.values == pytest.approx(angle, abs=1e-15)
+    for wrong in ("target: 3", "target: {x: 1, w: 1}", "goal: {w: 1}"):
+        with pytest.raises(rb.SceneError, match="expected"):
+            rb.parse_scene(text.replace(f"target: {written(target)}", wrong))
