@@ -195,6 +195,20 @@ def is_part(part: object, whole: object) -> bool:
     return part == whole
 
 
+def test_the_spacecraft_is_sixty_lines_and_the_node_flies_the_scene_of_the_campaign() -> None:
+    """With comments; of the satellite that only detumbles and holds, too."""
+    campaign = ROOT / "config" / "campaigns" / "spacecraft.yaml"
+    scene = campaign.parent / yaml.safe_load(campaign.read_text("utf-8"))["scene"]
+    page = (ROOT / "docs" / "tutorials" / "spacecraft.md").read_text("utf-8")
+    count, alone = (
+        sum(len(file.read_text("utf-8").splitlines()) for file in files)
+        for files in ((campaign, scene), (ROOT / "config" / "wheels.yaml",))
+    )
+    assert max(count, alone) <= 60
+    assert f"Scene and campaign are {count} lines." in page
+    assert f"rb-dynamics node {scene.relative_to(ROOT)} " in page
+
+
 def test_a_part_is_told_from_what_is_none() -> None:
     assert is_part({"a": {"b": 1}}, {"a": {"b": 1, "c": 2}, "d": 3})
     assert not is_part({"a": {"b": 2}}, {"a": {"b": 1, "c": 2}})
