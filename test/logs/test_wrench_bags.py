@@ -595,19 +595,21 @@ def test_commands_to_actuators_that_the_scene_does_not_have_are_rejected_and_cou
     """By simulate and explain, of a bag, and in the log; not those that are mapped away from an actuator."""
     value = cdr.encode(SCALAR, (1e-3,))
     rows: list[Row] = [("/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)), ("/w/speed", SCALAR, 2 * SECOND, value)]
-    rows += (("/q/command", SCALAR, k * SECOND, value) for k in range(2, 5))
+    rows += (("/q/command", SCALAR, k * SECOND, value) for k in range(1, 6))
     bag, scene, log = write_rows(tmp_path / "bag.mcap", rows), tmp_path / "scene.yaml", tmp_path / "log.mcap"
     scene.write_text(
         "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 0, 1]}\n"
         f"wrenches: [{{topic: wrench}}]\nactuators: {actuators}\nduration: 6\n"
     )
     assert main(["simulate", str(scene), "--wrench", str(bag), "--mcap", str(log)]) == 0
-    told = "3 of 4 commands were rejected and had no effect; the first: /q/command at simulation time 2.000000000 s: "
+    told = "5 of 6 commands were rejected and had no effect; the first: /q/command at simulation time 1.000000000 s: "
     assert told in capsys.readouterr().err
     (diagnostics,) = read_bag(log).topics["/diagnostics"].decoded()
-    assert "3 commands were rejected and had no effect; the first: /q/command" in str(diagnostics)
+    assert "5 commands were rejected and had no effect; the first: /q/command" in str(diagnostics)
     assert main(["explain", str(scene), "--wrench", str(bag)]) == 0
-    assert "note: 3 of 4 commands were rejected; the first: /q/command" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "note: 5 of 6 commands were rejected; the first: /q/command" in said
+    assert "from one command to the next" not in said, "slower than the body turns, but nothing is to follow them"
     mapped = RecordedWrenches([bag], ["wrench"], 9 * SECOND, {"/w/speed": "q/command"}, actuators=["q/command"])
     assert len(mapped) == 2
     assert mapped.to_absent == {}
