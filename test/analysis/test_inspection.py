@@ -124,7 +124,7 @@ def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.Monk
     assert (peaks[2] - peaks[1]) / 10000 < 50
 
 
-@pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 50), (True, 120)])
+@pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 50), pytest.param(True, 120, marks=pytest.mark.slow)])
 def test_memory_grows_little_with_a_bag(
     with_scene: bool, bytes_each: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -447,6 +447,7 @@ def test_a_scene_of_python_keeps_its_effects() -> None:
     assert "no text says" in found.scene.text
 
 
+@pytest.mark.slow
 def test_a_flight_that_a_small_disturbance_moves_is_fitted_in_joined_segments() -> None:
     """A small disturbance decides when a spin about the middle axis flips: the fit to the whole determined nothing."""
     random = np.random.default_rng(5)
@@ -500,6 +501,7 @@ def test_the_bias_of_the_only_gyro_is_that_of_the_sensor_in_the_scene(count: int
         assert [each.gyro.bias for each in found.scene.sensors] == [expected] * count
 
 
+@pytest.mark.slow
 def test_a_gyro_that_shows_a_constant_tells_no_bias() -> None:
     """One that spins was taken for one at rest, on a bias of 1 rad/s known to 0.01 rad/s."""
     random = np.random.default_rng(5)

@@ -218,6 +218,7 @@ def with_others() -> Scene:
 OTHERS = (*(name for name in FIT if name != "accelerometer"), "effects[6].center_world", "effects[7].stiffness")
 
 
+@pytest.mark.slow
 def test_derivatives_of_other_effects_are_those_of_differences() -> None:
     model = Model(with_others(), [every_sensor()], OTHERS)
     model.turn = 0.03

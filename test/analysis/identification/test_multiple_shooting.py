@@ -80,6 +80,7 @@ def test_starts_are_compared_in_the_first_segments_of_a_long_flight(monkeypatch:
     assert found[0].z == pytest.approx(found[1].z, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_spin_whose_start_has_too_few_digits_is_followed_to_its_noise() -> None:
     body, made = near_the_middle_axis(10)
     found = identify(guess(body), [made], ["inertia_ratios"])
@@ -92,6 +93,7 @@ def test_a_spin_whose_start_has_too_few_digits_is_followed_to_its_noise() -> Non
     assert np.abs(fitted - truth).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_of_a_spin_that_has_not_flipped_nothing_is_known() -> None:
     """Bodies with ratios of 0.22 to 0.47 and of 0.009 to 0.50 left the same noise; one was 255 errors off."""
     body, made = near_the_middle_axis(20)
