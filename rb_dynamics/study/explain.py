@@ -31,6 +31,7 @@ from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
 from rb_dynamics.run.simulation import Command, Simulation, each_command, post_all, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
+from rb_dynamics.sensors.sensor_types import SENSORS
 from rb_dynamics.study.stopwatch import Stopwatch
 
 _EPSILON = 2.0**-52
@@ -301,12 +302,14 @@ def _left_out(scene: Scene) -> tuple[str, ...]:
         items.append("attitude and rotation: the body has no inertia")
     if not scene.channels:
         items.append("wrench commands: the scene has no channels")
-    if not scene.actuators:
-        items.append(f"{', '.join(ACTUATORS)}: the scene lists no actuators")
-    listed = {effect.kind for effect in scene.effects}
-    absent = [kind for kind in EFFECTS.own if kind not in listed]
-    if absent:
-        items.append(f"{', '.join(absent)}: not listed in effects")
+    for key, kinds, there in (
+        ("effects", EFFECTS.own, scene.effects),
+        ("actuators", ACTUATORS, scene.actuators),
+        ("sensors", SENSORS, scene.sensors),
+    ):
+        listed = {each.kind for each in there}
+        if absent := [kind for kind in kinds if kind not in listed]:
+            items.append(f"{', '.join(absent)}: not listed in {key}")
     return (*items, *(f"{thing}: never modelled" for thing in NOT_MODELLED))
 
 

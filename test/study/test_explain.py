@@ -15,6 +15,7 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.errors import SceneError
+from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.wrench_bags import read_wrenches
@@ -25,6 +26,7 @@ from rb_dynamics.numerics.vector import norm
 from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
+from rb_dynamics.sensors.sensor_types import SENSORS
 from rb_dynamics.study.explain import NOT_MODELLED, explain, probed
 from rb_dynamics.study.stopwatch import Stopwatch
 
@@ -48,10 +50,14 @@ def said(text: str) -> str:
 def test_every_shipped_scene_can_be_explained(path: Path) -> None:
     scene = read_scene(path)
     found = explain(scene, budget=0.3)
-    listed = {effect.kind for effect in scene.effects}
+    of_scene = {"effects": scene.effects, "actuators": scene.actuators, "sensors": scene.sensors}
+    for key, kinds in (("effects", EFFECTS.own), ("actuators", ACTUATORS), ("sensors", SENSORS)):
+        listed = {each.kind for each in of_scene[key]}
+        absent = [item for item in found.left_out if item.endswith(f": not listed in {key}")]
+        told = {kind for item in absent for kind in item.partition(":")[0].split(", ")}
+        assert told == {kind for kind in kinds if kind not in listed}
     for kind in EFFECTS.own:
-        assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in listed)
-        assert any(kind in item and "not listed" in item for item in found.left_out) == (kind not in listed)
+        assert any(f"effect {kind}:" in item for item in found.modelled) == (kind in {e.kind for e in scene.effects})
     assert found.trial_s > 0.0
     # The budget may be too short for another method: then nothing is said.
     if found.attitude_error is None:
