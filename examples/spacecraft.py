@@ -1,6 +1,7 @@
 """Detumble, slew and hold the satellite of config/campaigns/spacecraft, by what its sensors say alone.
 
-The control is that of the campaign, config/campaigns/spacecraft_law.py. Start the node first:
+The control is that of the campaign, config/campaigns/spacecraft_law.py. Start this first, as the satellite tumbles on
+without it, and then the node:
 
     rb-dynamics node config/campaigns/spacecraft/satellite.yaml --ros-args -p real_time_factor:=10.0
 """
