@@ -13,7 +13,7 @@ import numpy as np
 from rb_dynamics.analysis.bag_selection import Window, part_of
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.momentum_energy_balance import Balance
-from rb_dynamics.analysis.onboard_devices import SensorErrors, WheelSpeeds, pointing_error
+from rb_dynamics.analysis.onboard_devices import ActuatorUse, SensorErrors, WheelSpeeds, pointing_error
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
@@ -96,6 +96,7 @@ _KEPT: dict[type, tuple[str, ...]] = {
         *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "explained"),
         *("explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns"),
     ),
+    ActuatorUse: ("name", "kind", "unit", "commands", "largest", "limited", "rejected"),
     WheelSpeeds: ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s"),
     SensorErrors: ("name", "quantity", "unit", "count", "compared", "mean", "deviation"),
 }

@@ -90,7 +90,8 @@ class ActuatorUse:
         name: of the actuator.
         kind: its `type` in the scene.
         unit: of its commands.
-        commands: how many were received.
+        time_ns: when each was received.
+        values: as received, one for each.
         largest: the command of largest size, as received.
         limited: how many its limits made smaller.
         rejected: how many it could not honour, such as an on-time that is too short.
@@ -99,10 +100,16 @@ class ActuatorUse:
     name: str
     kind: str
     unit: str
-    commands: int
+    time_ns: Times
+    values: Array
     largest: float
     limited: int
     rejected: int
+
+    @property
+    def commands(self) -> int:
+        """How many were received."""
+        return len(self.values)
 
 
 @dataclass(frozen=True)
@@ -197,7 +204,7 @@ def onboard(track: Track) -> Onboard:
     uses = {each.topic: "command" for each in scene.actuators} | {each.name: "sensor" for each in scene.sensors}
     return Onboard(
         tuple(_wheels(scene.wheels, *found[WHEELS[0]])) if WHEELS[0] in found else (),
-        tuple(_use(each, found[each.topic][1][:, 0]) for each in scene.actuators if each.topic in found),
+        tuple(_use(each, *found[each.topic]) for each in scene.actuators if each.topic in found),
         tuple(
             part
             for each in scene.sensors
@@ -266,8 +273,8 @@ def _wheels(wheels: Iterable[ReactionWheel], times: Times, rows: Array) -> Itera
         yield WheelSpeeds(wheel.name, wheel.max_speed, times, rows[:, place])
 
 
-def _use(actuator: Actuator, values: Array) -> ActuatorUse:
-    limited = rejected = 0
+def _use(actuator: Actuator, times: Times, rows: Array) -> ActuatorUse:
+    values, limited, rejected = rows[:, 0], 0, 0
     different, counts = np.unique(values, return_counts=True)
     for value, count in zip(different.tolist(), counts.tolist(), strict=True):
         try:
@@ -275,7 +282,7 @@ def _use(actuator: Actuator, values: Array) -> ActuatorUse:
         except WrenchError:
             rejected += count
     largest = float(np.abs(values).max())
-    return ActuatorUse(actuator.name, actuator.kind, actuator.unit, len(values), largest, limited, rejected)
+    return ActuatorUse(actuator.name, actuator.kind, actuator.unit, times, values, largest, limited, rejected)
 
 
 def _errors(track: Track, scene: Scene, sensor: Sensor, times: Times, rows: Array) -> Iterator[SensorErrors]:

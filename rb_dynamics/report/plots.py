@@ -63,6 +63,14 @@ def wheel_speeds(wheels: Sequence[tuple[str, Array, Array, float]]) -> Picture:
     return draw([Panel("Wheel speeds [rad/s]", lines)], "Wheel speeds over time")
 
 
+def actuator_commands(commands: Sequence[tuple[str, str, Array, Array]], span_s: Array) -> Picture:
+    """Return commands to actuators: title with unit, name, times (s), values; one panel for each title."""
+    panels: dict[str, list[Line]] = {}
+    for title, name, time_s, values in commands:
+        panels.setdefault(title, []).append(Line(name, time_s, values, step=True))
+    return draw([Panel(title, lines) for title, lines in panels.items()], "Commands to actuators over time", span_s)
+
+
 def sensor_errors(panels: Sequence[tuple[str, Array, Array]]) -> Picture:
     """Return measured minus true: title with unit, times (s), rows of x, y, z."""
     shown = [Panel(title, components(time_s, rows)) for title, time_s, rows in panels]
@@ -93,13 +101,16 @@ def energy(
 ) -> Picture:
     """Return kinetic energy and, if known, the initial energy plus the work done since (J).
 
-    `parts` are other energies by their names, each as times (s) and values (J).
+    `parts` are energies by the wheels, by their names, each as times (s) and values (J).
     """
     lines = [Line("kinetic energy", time_s, kinetic)]
     if work is not None:
         lines.append(Line("initial energy + work", time_s, kinetic[:1] + work, dashed=True))
-    lines += [Line(name, *part) for name, part in (parts or {}).items()]
-    return draw([Panel("Energy [J]", lines)], "Kinetic energy and work over time")
+    panels = [Panel("Energy [J]", lines)]
+    if parts:
+        # In orbit the kinetic energy is 1e8 times as large.
+        panels.append(Panel("Energy by the wheels [J]", [Line(name, *part) for name, part in parts.items()]))
+    return draw(panels, "Kinetic energy and work over time")
 
 
 def energy_defect(time_s: Array, defect: Array, scale: float) -> Picture:

@@ -70,11 +70,11 @@ def run_report(track: Track, summary: RunSummary, extra: Sequence[Section] = ())
         *extra,
         *_subject(track, summary),
         *_motion(track),
+        *_onboard(track, summary),
         *_residual(track, summary),
         *_poinsot(track),
         *_conservation(track, summary),
         *_wrenches(track, summary),
-        *_onboard(track, summary),
         *_tables(summary),
         *_provenance(track),
     ]
@@ -197,6 +197,9 @@ def _numbers(values: Sequence[float]) -> str:
 
 def _motion(track: Track) -> list[Section]:
     figures = []
+    if track.pointing is not None:
+        time_s = track.seconds(track.pointing.time_ns)
+        figures.append(Figure(plots.pointing(time_s, track.pointing.values), "The angle of one turn to the target."))
     if track.pose is not None:
         time_s, rows = track.seconds(track.pose.time_ns), track.pose.values
         caption = (
@@ -219,9 +222,6 @@ def _motion(track: Track) -> list[Section]:
             "turning shows zero, one at rest 9.8 m/s² upwards."
         )
         figures.append(Figure(plots.specific_force(time_s, track.specific_force.values), caption))
-    if track.pointing is not None:
-        time_s = track.seconds(track.pointing.time_ns)
-        figures.append(Figure(plots.pointing(time_s, track.pointing.values), "The angle of one turn to the target."))
     return [Section("Motion", figures=figures)] if figures else []
 
 
@@ -370,7 +370,21 @@ def _onboard(track: Track, summary: RunSummary) -> list[Section]:
         )
         sections.append(Section("Reaction wheels", figures=[figure], table=Table.of(rows)))
     if rows := text.actuator_rows(summary):
-        sections.append(Section("Commands to actuators", table=Table.of(rows)))
+        commands = [
+            (
+                f"{_capital(each.kind.replace('_', ' '))}s [{each.unit.replace('^2', '²')}]",
+                each.name,
+                track.seconds(each.time_ns),
+                each.values,
+            )
+            for each in used.actuators
+        ]
+        span_s = track.seconds(np.array(track.span_ns))
+        caption = (
+            "As received, before any limit, each shown until the next. An on-time opens its thruster for that long."
+        )
+        figures = [Figure(plots.actuator_commands(commands, span_s), caption)]
+        sections.append(Section("Commands to actuators", figures=figures, table=Table.of(rows)))
     if rows := text.sensor_rows(summary):
         panels = [
             (f"{each.name}: error of {each.words}", track.seconds(each.time_ns), each.errors) for each in used.sensors

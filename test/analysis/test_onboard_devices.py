@@ -64,6 +64,8 @@ def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
     assert wheel.largest == pytest.approx(60.0)
     assert wheel.at_limit_s == pytest.approx(20.0 - 2.5 - 2.4, abs=0.2)
     assert wheel.last == pytest.approx(-60.0)
+    plain = found.as_dict()["onboard"]["actuators"][0]
+    assert [*plain] == ["name", "kind", "unit", "commands", "largest", "limited", "rejected"]
     counts = {each.name: (each.commands, each.limited, each.rejected) for each in found.summary.onboard.actuators}
     assert counts == {"wheel": (2, 1, 0), "jet": (2, 0, 1)}
     told = " ".join(found.summary.warnings)
@@ -176,8 +178,12 @@ def test_text_and_page_show_them(log: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     write_html(page, run_report(found.track, found.summary))
     html = page.read_text()
-    for title in ("Reaction wheels", "Commands to actuators", "Sensors", "Angle from the target [rad]"):
-        assert title in html
+    # Of a satellite these matter most.
+    titles = ("Angle from the target [rad]", "Wheel speeds [rad/s]", "Reaction wheels [N m]", "Thrusters [s]")
+    places = [html.index(title) for title in (*titles, "error of orientation", "Angular momentum about the centre")]
+    assert places == sorted(places)
+    # In orbit the kinetic energy is 1e8 times that of the wheels.
+    assert "Energy by the wheels [J]" in html
 
 
 def test_a_scene_without_them_has_none(tmp_path: Path) -> None:
