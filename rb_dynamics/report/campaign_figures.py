@@ -108,9 +108,11 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
             order = np.argsort(passed, kind="stable")[:_MOST_POINTS]
             order = order[np.isfinite(y[order])]
             good = passed[order]
+            # Few dots have to be seen, many must not hide each other.
+            size = min(16.0, max(4.0, 2000.0 / max(1, len(order))))
             for chosen, look in (
-                (good, {"label": "passed", "color": ACCENT, "s": 4.0, "alpha": 0.55}),
-                (~good, {"label": "failed", "color": BAD, "s": 12.0, "alpha": 0.9}),
+                (good, {"label": "passed", "color": ACCENT, "s": size, "alpha": 0.55}),
+                (~good, {"label": "failed", "color": BAD, "s": max(12.0, size), "alpha": 0.9}),
             ):
                 axes.scatter(x[order][chosen], y[order][chosen], linewidths=0, **look)
             if len(order) and _is_wide(y[order]):

@@ -12,7 +12,6 @@ from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.report.html import Figure, Report, Section, Table, Tile, made_by
 from rb_dynamics.study.campaign.block_of_runs import Columns, watch_runs
-from rb_dynamics.study.campaign.engine import goes_side_by_side
 from rb_dynamics.study.campaign.metric_units import titled, unit_of
 from rb_dynamics.study.campaign.metrics import QUANTITIES, quantity
 from rb_dynamics.study.campaign.model import NO_VALUE, Campaign, Metric
@@ -162,7 +161,7 @@ def _over_time(campaign: Campaign, summary: CampaignSummary, rows: Columns) -> l
     flyable = np.array([not text for text in rows["error"]])
     failed = rows["run"][~rows["passed"] & flyable][:8].tolist()
     runs = sorted({*rows["run"][flyable][: _WATCHED - len(failed)].tolist(), *failed})
-    if not runs or not goes_side_by_side(campaign):
+    if not runs:
         return []
     functions = [quantity(campaign, metric) for metric in followed.values()]
     times: list[float] = []

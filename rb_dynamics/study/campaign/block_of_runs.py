@@ -151,10 +151,22 @@ def watch_runs(campaign: Campaign, numbers: Sequence[int], watch: Callable[[Samp
     for number in numbers:
         values = values_of(campaign, number)
         runs.append(_Run(number, values, scenes_of(campaign).scene(values, number)))
-    if not _together(campaign, runs):
-        raise ValueError("these runs cannot go side by side; execute each of them alone")
-    bodies = SideBySide([run.scene for run in runs], None)
-    _advance(campaign, bodies, runs, MetricAccumulator(campaign, len(runs)), watch)
+    scenes, metrics = [run.scene for run in runs], MetricAccumulator(campaign, len(runs))
+    apart = ValueError("these runs cannot go side by side; execute each of them alone")
+    if _together(campaign, runs):
+        _advance(campaign, SideBySide(scenes, None), runs, metrics, watch)
+        return
+    shared = {alike(scene, campaign.control) for scene in scenes}
+    if len(shared) > 1 or None in shared:
+        raise apart
+    try:
+        bodies = WithWheels(scenes, campaign.control is not None)
+        _advance(campaign, bodies, runs, metrics, watch)
+        bodies.require_all()
+    except NotTogetherError as error:
+        raise apart from error
+    if bodies.apart.any():
+        raise apart
 
 
 def values_of(campaign: Campaign, number: int) -> dict[str, float]:

@@ -11,8 +11,9 @@ import pytest
 from campaigns import write
 
 from rb_dynamics.numerics.compilation import available
+from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.study.campaign import block_of_runs
-from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block
+from rb_dynamics.study.campaign.block_of_runs import simulate_alone, simulate_block, watch_runs
 from rb_dynamics.study.campaign.engine import SIDE_BY_SIDE, _block, goes_alone
 from rb_dynamics.study.campaign.model import Campaign
 from rb_dynamics.study.campaign.read import read_campaign
@@ -319,3 +320,21 @@ def test_blocks_are_large_where_runs_go_side_by_side(tmp_path: Path, monkeypatch
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
     assert _block(campaign, 2) < SIDE_BY_SIDE
     assert simulate_block(campaign, 0, 1)["error"] == [""]
+
+
+def test_runs_with_wheels_are_watched_for_the_page(tmp_path: Path) -> None:
+    campaign = read_campaign(write(tmp_path, CAMPAIGN, SATELLITE))
+    seen: list[Samples] = []
+    watch_runs(campaign, [1, 4], seen.append)
+
+    assert [len(samples.wheel_speeds) for samples in seen] == [2] * 21
+    speeds = np.abs([samples.wheel_speeds for samples in seen]).max(axis=(0, 2))
+    assert speeds.tolist() == [simulate_alone(campaign, run)["speed"] for run in (1, 4)]
+
+
+def test_runs_that_need_more_than_wheels_are_not_watched(tmp_path: Path) -> None:
+    (tmp_path / "pushing.py").write_text(LAW.replace("BODY", "found['force'] = 0.0 * rate"))
+    text = re.sub(r"law: attitude_pd(.*), through: .*", r"law: pushing.law\1}", CAMPAIGN)
+    campaign = read_campaign(write(tmp_path, text, SATELLITE))
+    with pytest.raises(ValueError, match="side by side"):
+        watch_runs(campaign, [1, 4], lambda _: None)
