@@ -15,11 +15,13 @@ import copy
 import difflib
 import importlib
 import inspect
+import math
 import os
 import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -33,12 +35,13 @@ from rb_dynamics.cli import COMMANDS
 from rb_dynamics.errors import SceneError
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect_types import EFFECTS
+from rb_dynamics.loads.magnetic_field import MODELS
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.motion import METHODS
 from rb_dynamics.run.input_hash import InputHash
-from rb_dynamics.sensors.axis_errors import AXIS_KEYS
-from rb_dynamics.sensors.sensor import COMMON_KEYS
+from rb_dynamics.sensors.axis_errors import AXIS_KEYS, AxisErrors
+from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
 from rb_dynamics.sensors.sensor_types import SENSORS
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.state_hash import StateHash
@@ -203,12 +206,12 @@ MEANING = {
     "force": "N, along the x axis of its frame",
     "command": "what a command means: `on_time` (s) or `level` (0 to 1); of a wheel `torque` or `speed` (N m, rad/s)",
     "minimum_on": "s; a shorter on-time is rejected",
-    "rise": "s from no force to full force, linearly; by default 0",
-    "fall": "s from full force to none, linearly; by default 0",
+    "rise": "s from no force to full force, linearly",
+    "fall": "s from full force to none, linearly",
     "name": "its topic, or the first part of its topics",
     "rate": "Hz, of samples in simulation time",
-    "frame": "one of `body.frames`, which gives its position and axes; by default the body frame",
-    "delay": "s, by default 0",
+    "frame": "one of `body.frames`, which gives its position and axes",
+    "delay": "s, from a command to its effect, or from a sample to its message",
     "dropout": "probability that a sample gives no message",
     "gyro": "errors of the gyros, in rad/s, see below",
     "accelerometer": "errors of the accelerometers, in m/s², see below",
@@ -223,7 +226,7 @@ MEANING = {
     "position_noise": "m, standard deviation of each coordinate in every sample",
     "orientation_noise": "rad, likewise of the angle about each axis",
     "direction_world": "direction of the sun",
-    "field_of_view": "rad, largest angle between the sun and the x axis of its frame; by default π",
+    "field_of_view": "rad, largest angle between the sun and the x axis of its frame",
     "target": "`{x:, y:, z:, w:}`, rotation from its frame to the world that the body is to have",
     "schedule": "`[{time:, force:, torque:}, ...]`, each held until the next; s, N, N m",
 }
@@ -231,8 +234,8 @@ MEANING = {
 ACTS = {
     "uniform_gravity": "Constant gravity, m g. Has a potential energy.",
     "central_gravity": "Attraction by a centre. Has a potential energy. Varies within a step.",
-    "linear_drag": "Drag proportional to the speed through a medium. Varies within a step.",
-    "quadratic_drag": "Drag proportional to the square of the speed through a medium. Varies within a step.",
+    "linear_drag": "Drag proportional to the speed through a medium, with `translation`, `rotation` or both. Varies within a step.",
+    "quadratic_drag": "Drag proportional to the square of the speed through a medium, with `translation`, `rotation` or both. Varies within a step.",
     "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
     "scheduled_wrench": "Wrenches given in the scene as a function of time.",
     "buoyancy": "Buoyancy: minus the weight of the displaced fluid, at the centre of buoyancy. Has a potential energy.",
@@ -411,6 +414,28 @@ DEFAULTS: dict[str, Callable[[rb.Scene], object]] = {
 }
 
 
+def needed(tree: dict[str, Any], path: str) -> set[str]:
+    """Return the keys that the reader misses at `path`."""
+    found = problems(tree).items()
+    return {name.removeprefix(f"{path}.") for name, text in found if text.startswith("found nothing")}
+
+
+def defaults(kind: type) -> dict[str, str]:
+    """Return the defaults of an effect, actuator or sensor that are plain values, by key."""
+    found = {field.name: field.default for field in fields(kind)}
+    plain = {key: value for key, value in found.items() if isinstance(value, (bool, float, str, tuple)) and value != ""}
+    texts = {key: list(value) if isinstance(value, tuple) else value for key, value in plain.items()}
+    return {key: f"`{str(value).lower()}`" for key, value in texts.items() if value != math.inf}
+
+
+def entries(names: Iterable[str], required: dict[str, str], kind: type) -> str:
+    """Return the table of the keys `names`; `required` has those without a default."""
+    known = defaults(kind) | required
+    return table(
+        ("key", "default", "meaning"), [(f"`{key}`", known.get(key, ""), meaning(MEANING, key)) for key in names]
+    )
+
+
 def scene_page() -> str:
     smallest = rb.parse_scene(yaml.safe_dump(SMALLEST))
     parts = [
@@ -439,32 +464,39 @@ def scene_page() -> str:
     for kind in EFFECTS.own:
         tree = SMALLEST | {"effects": [{"type": kind}]}
         names = [key for key in keys(tree, "effects[0]") if key != "type"]
+        required = dict.fromkeys(needed(tree, "effects[0]"), "required")
+        if kind == "magnetic_field":
+            for model in MODELS:
+                of_model = SMALLEST | {"effects": [{"type": kind, "model": model}]}
+                required |= dict.fromkeys(needed(of_model, "effects[0]"), f"required with `{model}`")
         parts += [
             f"### `{kind}`\n",
             f"{meaning(ACTS, kind)} Example: [{EXAMPLES[kind]}](../../{EXAMPLES[kind]}).\n",
-            table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
+            entries(names, required, EFFECTS[kind]),
         ]
     field = {"type": "magnetic_field", "model": "uniform", "field_world": [0.0, 0.0, 1.0]}
     parts += ["## `actuators[]`\n", "[Add actuators](../how-to/actuators.md) explains them.\n"]
     for kind in ACTUATORS:
         tree = SMALLEST | {"effects": [field], "actuators": [{"type": kind}]}
         names = [key for key in keys(tree, "actuators[0]") if key != "type"]
-        # Sensors may be without one.
-        required = {"frame": "one of `body.frames`, which gives its position and axes; required"}
-        rows = [(f"`{name}`", meaning(MEANING | required, name)) for name in names]
-        parts += [f"### `{kind}`\n", f"{meaning(DRIVES, kind)}\n", table(("key", "meaning"), rows)]
+        required = dict.fromkeys(needed(tree, "actuators[0]"), "required")
+        parts += [f"### `{kind}`\n", f"{meaning(DRIVES, kind)}\n", entries(names, required, ACTUATORS[kind])]
     parts += ["## `sensors[]`\n", "[Add sensors](../how-to/sensors.md) explains them.\n"]
-    parts.append(table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in COMMON_KEYS]))
+    required = dict.fromkeys(needed(SMALLEST | {"sensors": [{"type": "imu"}]}, "sensors[0]"), "required")
+    parts.append(entries(COMMON_KEYS, required | {"frame": "the body frame"}, Sensor))
     for kind, sensor in SENSORS.items():
         tree = SMALLEST | {"effects": [field], "sensors": [{"type": kind}]}
         names = [key for key in keys(tree, "sensors[0]") if key not in ("type", *COMMON_KEYS)]
         parts += [
             f"### `{kind}`\n",
             f"{meaning(MEASURES, kind)} Message: {sensor.message.replace('/msg', '')}.\n",
-            table(("key", "meaning"), [(f"`{name}`", meaning(MEANING, name)) for name in names]),
+            entries(
+                names,
+                dict.fromkeys(needed(tree, "sensors[0]"), "required"),
+                AxisErrors if set(names) == set(AXIS_KEYS) else sensor,
+            ),
         ]
-    rows = [(f"`{name}`", meaning(MEANING, name)) for name in AXIS_KEYS]
-    parts += ["### `gyro` and `accelerometer`\n", table(("key", "meaning"), rows)]
+    parts += ["### `gyro` and `accelerometer`\n", entries(AXIS_KEYS, {}, AxisErrors)]
     return "\n".join(parts)
 
 
