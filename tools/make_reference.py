@@ -236,8 +236,8 @@ ACTS = {
     "central_gravity": "Attraction by a centre. Has a potential energy. Varies within a step.",
     "linear_drag": "Drag proportional to the speed through a medium, with `translation`, `rotation` or both. "
     "Varies within a step.",
-    "quadratic_drag": "Drag proportional to the square of the speed through a medium, with `translation`, `rotation` or both. "
-    "Varies within a step.",
+    "quadratic_drag": "Drag proportional to the square of the speed through a medium, with `translation`, `rotation` "
+    "or both. Varies within a step.",
     "rotor": "A spinning wheel in the body (gyrostat). Its momentum and energy are included in the balances.",
     "scheduled_wrench": "Wrenches given in the scene as a function of time.",
     "buoyancy": "Buoyancy: minus the weight of the displaced fluid, at the centre of buoyancy. Has a potential energy.",
