@@ -109,7 +109,7 @@ def scatters(pairs: Sequence[tuple[str, str, Numbers, Numbers, NDArray[np.bool_]
             order = order[np.isfinite(y[order])]
             good = passed[order]
             # Few dots have to be seen, many must not hide each other.
-            size = min(16.0, max(4.0, 2000.0 / max(1, len(order))))
+            size = min(30.0, max(4.0, 2000.0 / max(1, len(order))))
             for chosen, look in (
                 (good, {"label": "passed", "color": ACCENT, "s": size, "alpha": 0.55}),
                 (~good, {"label": "failed", "color": BAD, "s": max(12.0, size), "alpha": 0.9}),
