@@ -11,13 +11,14 @@ import logging
 import math
 import platform
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from importlib.util import find_spec
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 from rb_dynamics.errors import LogError, MissingExtraError
 from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.numerics.background_compilation import waited_for
 from rb_dynamics.numerics.compilation import available
 from rb_dynamics.numerics.cores import cores
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -45,11 +46,16 @@ _START_S = 5.0
 _TELL_S = 1.0
 """Least time between two calls of `progress` within a block."""
 
+_PLAIN_S = 15.0
+"""Time after which kernels that are still not compiled are named: the usual ones take less."""
+
 _BLOCKS_EACH = 4
 """Minimum number of blocks per worker, as they do not all end at the same time."""
 
 _AHEAD = 3
 """Blocks per worker submitted to the scheduler at a time."""
+
+_log = logging.getLogger(__name__)
 
 
 def run_campaign(
@@ -87,8 +93,11 @@ def run_campaign(
     blocks, done = store.missing(size), store.done
     told = time.monotonic()
 
+    plain = _PlainPython()
+
     def tell(runs: float) -> None:
         nonlocal told
+        plain.look(waited_for)
         if progress is not None and time.monotonic() - told >= _TELL_S:
             told = time.monotonic()
             progress(done + int(runs), campaign.runs)
@@ -97,9 +106,9 @@ def run_campaign(
     if local:
         flown = _here(campaign, blocks, tell)
     elif scheduler is None and workers is None:
-        flown = _here_or_on_workers(campaign, blocks, campaign.runs - done, processes, tell)
+        flown = _here_or_on_workers(campaign, blocks, campaign.runs - done, processes, tell, plain)
     else:
-        flown = _on_workers(campaign, blocks, scheduler, processes)
+        flown = _on_workers(campaign, blocks, scheduler, processes, plain)
     with contextlib.closing(flown):
         for columns in flown:
             store.write(columns)
@@ -107,6 +116,25 @@ def run_campaign(
             if progress is not None:
                 progress(done, campaign.runs)
     store.finish()
+
+
+class _PlainPython:
+    """Says once, after a while, that runs are in plain Python as kernels are not compiled yet."""
+
+    def __init__(self) -> None:
+        self._due = time.monotonic() + _PLAIN_S
+
+    def look(self, waited_for: Callable[[], Iterable[str]]) -> None:
+        """Warn if it is time, and `waited_for` names any kernels."""
+        if time.monotonic() < self._due:
+            return
+        self._due = math.inf
+        if names := sorted({*waited_for()}):
+            _log.warning(
+                "runs are in plain Python, up to a hundred times slower, until another process has compiled their "
+                "kernels; not to wait: Ctrl-C, `rb-dynamics compile %s`, and the same command again, which continues",
+                " ".join(names),
+            )
 
 
 def goes_side_by_side(campaign: Campaign) -> bool:
@@ -166,6 +194,7 @@ def _here_or_on_workers(
     left: int,
     processes: int,
     tell: Callable[[float], None],
+    plain: _PlainPython,
 ) -> Generator[Columns, None, None]:
     """Yield rows of the `left` runs computed here, until starting workers is worth it."""
     for first, last in blocks:
@@ -175,11 +204,15 @@ def _here_or_on_workers(
         yield columns
         saved = took / (last - first) * left * (1.0 - 1.0 / processes)
         if saved > _START_S:
-            yield from _on_workers(campaign, blocks, None, processes)
+            yield from _on_workers(campaign, blocks, None, processes, plain)
 
 
 def _on_workers(
-    campaign: Campaign, blocks: Iterator[tuple[int, int]], scheduler: str | None, processes: int
+    campaign: Campaign,
+    blocks: Iterator[tuple[int, int]],
+    scheduler: str | None,
+    processes: int,
+    plain: _PlainPython,
 ) -> Generator[Columns, None, None]:
     """Yield the rows of blocks as they finish; only a few blocks per worker are submitted at a time."""
     from distributed import Client, LocalCluster, as_completed
@@ -216,6 +249,7 @@ def _on_workers(
             future.release()
             for new in submit(islice(blocks, 1)):
                 waiting.add(new)
+                plain.look(lambda: chain.from_iterable(client.run(waited_for).values()))
             yield columns
 
 

@@ -137,6 +137,19 @@ def test_few_runs_start_no_other_process(tmp_path: Path, monkeypatch: pytest.Mon
     assert len(fly(write(tmp_path), tmp_path / "rows.parquet", workers=2)) > 0
 
 
+def test_runs_that_stay_in_plain_python_say_once_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    campaign = write(tmp_path)
+    monkeypatch.setattr(engine, "_PLAIN_S", 0.0)
+    for names, told in (([], 0), (["lanes_rk4", "_rates"], 1)):
+        monkeypatch.setattr(engine, "waited_for", lambda names=names: names)
+        fly(campaign, tmp_path / f"{told}.parquet", block=6)
+        assert [record.getMessage().count("`rb-dynamics compile _rates lanes_rk4`") for record in caplog.records] == (
+            [1] * told
+        )
+
+
 @pytest.mark.parametrize(("start_s", "elsewhere"), [(math.inf, []), (0.0, [(6, 12), (12, 18), (18, 24)])])
 def test_workers_are_started_where_that_is_sooner(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start_s: float, elsewhere: list[tuple[int, int]]
