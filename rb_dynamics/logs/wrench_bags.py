@@ -468,8 +468,7 @@ class RecordedWrenches:
             if bag.ours and bag.moves
         )
         self.notes += (
-            f"{bag.path}: {', '.join(sorted(bag.drives_nothing))} command{'s' * (len(bag.drives_nothing) == 1)} no "
-            f"actuator of the scene ({', '.join(actuators)}); map with --topic TOPIC=ACTUATOR/command"
+            f"{bag.path}: {_drive_nothing(bag, actuators)}"
             for bag in self._bags
             if actuators and bag.drives_nothing
         )
@@ -638,7 +637,7 @@ class RecordedWrenches:
                 bag.found[channel.topic] += 0
             if self._drives(channel) is not None:
                 bag.drives.add(channel.topic)
-            elif named_type(channel) == SCALAR and channel.topic.endswith(COMMAND):
+            elif kind == SCALAR and (name.endswith(COMMAND) or name + COMMAND in self._actuators):
                 bag.drives_nothing.add(channel.topic)
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
@@ -748,7 +747,7 @@ class RecordedWrenches:
             )
         for bag in self._bags:
             if not bag.drives and not any(name.removeprefix("/") in self._wanted for name in bag.found):
-                raise LogError(_no_commands(bag, self._topics))
+                raise LogError(_no_commands(bag, self._topics, self._commanded))
 
     def _begin(self, start: Start) -> None:
         """Find time 0 of the run, and search again the bags whose times are not as stamped."""
@@ -984,7 +983,16 @@ def _wanted(topics: Sequence[str], mapping: Mapping[str, str]) -> dict[str, str]
     return by_name | {source: channels[channel] for source, channel in mapped.items()}
 
 
-def _no_commands(bag: _Recording, topics: Sequence[str]) -> str:
+def _drive_nothing(bag: _Recording, actuators: Sequence[str]) -> str:
+    return (
+        f"{', '.join(sorted(bag.drives_nothing))} command{'s' * (len(bag.drives_nothing) == 1)} no actuator of the "
+        f"scene ({', '.join(actuators)}); map with --topic TOPIC=ACTUATOR/command"
+    )
+
+
+def _no_commands(bag: _Recording, topics: Sequence[str], actuators: Sequence[str]) -> str:
+    if actuators and bag.drives_nothing and not bag.found:
+        return f"{bag.path}: {_drive_nothing(bag, actuators)}"
     if not bag.found:
         remedy = "give a bag of WrenchStamped or Wrench messages"
         if bag.unused:

@@ -615,6 +615,16 @@ def test_commands_to_actuators_that_the_scene_does_not_have_are_rejected_and_cou
     assert mapped.to_absent == {}
 
 
+@pytest.mark.parametrize("topic", ["/jet/command", "/w"])
+def test_a_bag_whose_only_commands_fit_no_actuator_is_refused_by_their_name(tmp_path: Path, topic: str) -> None:
+    bag = write_rows(tmp_path / "bag.mcap", [(topic, SCALAR, SECOND, cdr.encode(SCALAR, (0.5,)))])
+    told = rf"{topic} commands no actuator of the scene \(w/command\); map with --topic TOPIC=ACTUATOR/command"
+    with pytest.raises(LogError, match=told):
+        RecordedWrenches([bag], [], 9 * SECOND, actuators=["w/command"])
+    found = RecordedWrenches([bag], [], 9 * SECOND, {topic: "w/command"}, actuators=["w/command"])
+    assert len(found.setpoints) == 1
+
+
 def test_a_bag_of_a_namespace_drives_the_channel_and_the_actuator_that_alone_fit(tmp_path: Path) -> None:
     rows: list[Row] = [
         ("/sat/wrench", STAMPED, SECOND, stamped(SECOND, 1.0)),
