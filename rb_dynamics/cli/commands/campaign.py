@@ -3,7 +3,7 @@
 Blocks of runs are computed by dask processes on this machine (extra: scale), or behind --scheduler. Rows are stored as
 they are finished: the same command resumes an interrupted campaign, and ends with the same file. Results do not depend
 on workers and blocks. --rerun repeats one run alone, with a full log, and compares it with its row. Exit code 1: some
-runs failed, or the repeated run differs from its row.
+runs could not be completed, or the repeated run differs from its row; runs that miss a requirement do not change it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run and print; exit code 0, or 1 if a run failed or differs from its row."""
+    """Run and print; exit code 0, or 1 if a run could not be completed or differs from its row."""
     from pathlib import Path
 
     from rb_dynamics.study.campaign.read import read_campaign
