@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 from rb_dynamics.body.plausibility import Symmetry, symmetry
@@ -20,7 +20,7 @@ from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.motion.closed_form import EXACT
-from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
+from rb_dynamics.motion.fixed_step_kernel import OnDemand, Tally, counted_by
 from rb_dynamics.motion.result_cache import clear_caches
 from rb_dynamics.numerics.argument_checks import items, number
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -190,6 +190,17 @@ def explain(
     stopwatch = Stopwatch()
     bare, bare_cost, bare_tally = _measured(scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False)
     run, cost, tally = _measured(scene, commands, length, budget, stopwatch)
+    if tally.used and not bare_tally.used:
+        # So few steps are not worth loading kernels, which neither cost includes.
+        alone = bare_cost * length
+        bare, bare_cost, bare_tally = _measured(
+            scene, commands, length, 0.5 * budget, stopwatch, with_outputs=False, loaded=tally.used
+        )
+        if bare_tally.used > tally.used or not bare_tally.lacking:
+            remarks.append(
+                f"a process that computes only this end does so in plain Python, in {1e3 * alone:.2g} ms, as loading "
+                "kernels would take longer"
+            )
     reached = run.time_ns / NANOSECONDS
     if reached < length:
         remarks.append(
@@ -347,16 +358,19 @@ def _measured(
     budget: float,
     stopwatch: Stopwatch,
     with_outputs: bool = True,
+    loaded: Iterable[OnDemand] = (),
 ) -> tuple[Simulation, float, Tally]:
     """Run for as long as the budget lasts; return the run, its cost (s per s), and the tally that decided on kernels.
 
-    Kernels are decided on as in a run of `length` s, which may be longer than the measured one.
+    Kernels are decided on as in a run of `length` s, which may be longer than the measured one, by a process that has
+    `loaded` some.
     """
     scene = scene if with_outputs else without_outputs(scene)
     with counted_by(stopwatch.tally(none=True)):
         _start(scene, commands).advance(_WARM_UP_NS)
     for _ in range(2):
         tally, modules = stopwatch.tally(), len(sys.modules)
+        tally.used.update(loaded)
         with counted_by(tally):
             run, reached, wall = _timed(scene, commands, length, budget, stopwatch, with_outputs)
         # Outputs count too: a closed form takes one step for any number of them.
@@ -369,6 +383,7 @@ def _measured(
     longer = reached < length and bool(tally.asked)
     if longer:
         tally = stopwatch.tally(length / reached)
+        tally.used.update(loaded)
     if longer or len(sys.modules) > modules:
         # This is not the cost of a longer run: that would use kernels that this one did not, or import nothing.
         wall, again = math.inf, again + 1
@@ -393,8 +408,9 @@ def _timed(
     end = round(length * NANOSECONDS)
     # Results cached by an earlier run would make this one look faster.
     clear_caches()
-    begin = stopwatch()
     run = _start(scene, commands)
+    # Set-up is told apart, see `fixed_costs`: it may take longer than all steps.
+    begin = stopwatch()
     least = run.next_output_ns() if with_outputs else 0
     part = max(1, end >> _SMALLEST_PART)
     while True:

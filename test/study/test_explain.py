@@ -7,6 +7,7 @@ import json
 import math
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from rb_dynamics.study.explain import NOT_MODELLED, explain, probed
 from rb_dynamics.study.stopwatch import Stopwatch
 
 ROOT = Path(__file__).parents[2]
+CLOCK = time.process_time
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
 
 
@@ -427,3 +429,31 @@ def test_the_first_imports_are_not_part_of_the_cost() -> None:
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
     assert result.stdout.split() == ["0.0", "0.0", "True"]
+
+
+@needs_numba
+def test_the_cost_of_the_end_alone_is_by_the_kernels_of_the_run_with_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of few steps in plain Python, it was several times that with all outputs, which load kernels."""
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    assert main(["compile", "_run_on_numbers_rk4", "propagate"]) == 0
+    text = RIGID + "solver: {method: rk4, step: 0.1}\nduration: 4\noutput_rate: 1000\n"
+    found = explain(parse_scene(text), budget=100.0)
+    assert found.compiled
+    assert sum("a process that computes only this end does so in plain Python" in each for each in found.remarks) == 1
+
+
+def test_set_up_is_no_part_of_the_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It took fifteen times as long as the few steps of a whole orbit."""
+    hour, late = 3600.0, [0.0]
+    begin = Simulation.__init__
+
+    def slow(self: Simulation, *arguments: object) -> None:
+        late[0] += hour
+        begin(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Simulation, "__init__", slow)
+    monkeypatch.setattr("rb_dynamics.study.explain.Stopwatch", lambda: Stopwatch(lambda: CLOCK() + late[0]))
+    found = explain(parse_scene(RIGID + "duration: 2\n"))
+    assert 0.0 < found.cost_per_s < hour
+    assert 0.0 < found.bare_cost_per_s < hour
+    assert any(remark.startswith("the times leave out set-up: 3.6e+06 ms") for remark in found.remarks)
