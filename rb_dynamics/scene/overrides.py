@@ -59,6 +59,9 @@ def _set(document: Node, key: str, new: Node, problems: Problems) -> None:
     node, path = document, ""
     for i, step in enumerate(steps):
         child = _enter(node, step, new if i + 1 == len(steps) else None)
+        if child is None and (unknown := _unknown(node, step, path)):
+            problems.add(None, key, f"found {unknown[0]}, expected {unknown[1]}; correct the override")
+            return
         if child is None:
             wanted = f"the key {step}" if isinstance(step, str) else f"an item [{step}]"
             meant = isinstance(step, str) and step.isdecimal() and _enter(node, int(step), None) is not None
@@ -86,8 +89,32 @@ def _enter(node: Node, step: str | int, new: Node | None) -> Node | None:
 
 def _named(items: list[Node], name: str) -> int:
     """Return the place of the item that has this name, the number of items if there is none."""
+    return next((i for i, found in enumerate(_names(items)) if found == name), len(items))
+
+
+def _names(items: list[Node]) -> list[object]:
+    """Return the name of each item, None for those without."""
     names = (item.value.get("name") if isinstance(item.value, dict) else None for item in items)
-    return next((i for i, found in enumerate(names) if found is not None and found.value == name), len(items))
+    return [None if found is None else found.value for found in names]
+
+
+def _unknown(node: Node, step: str | int, path: str) -> tuple[str, str] | None:
+    """Return what was found and what was expected if `step` is the name of no item of `node`, a list of named ones."""
+    names = [str(name) for name in _names(node.value) if name is not None] if isinstance(node.value, list) else []
+    if not names or not isinstance(step, str) or step.isdecimal() or step in names:
+        return None
+    return f"no {path.removesuffix('s')} {step}", f"one of {', '.join(names)}"
+
+
+def unknown_item(document: Node, key: str) -> tuple[str, str] | None:
+    """Return what was found and what was expected if a dotted key names an item that a list lacks; else None."""
+    path = ""
+    for step in _steps(key):
+        node = find(document, path) if path else document
+        if node is not None and (unknown := _unknown(node, step, path)):
+            return unknown
+        path = join(path, step) if isinstance(step, str) else f"{path}[{step}]"
+    return None
 
 
 def find(document: Node, key: str) -> Node | None:

@@ -62,7 +62,7 @@ def test_an_item_with_a_name_is_found_by_it() -> None:
     assert [(each.rate, each.delay) for each in scene.sensors] == [(5.0, 1.0), (50.0, 0.0)]
     assert "[1.0, 0.0, 3.0]" in scene.text
     with pytest.raises(
-        SceneError, match=r"sensors.gyro.rate: found sensors to be .*, expected it to hold the key gyro"
+        SceneError, match=r"sensors.gyro.rate: found no sensor gyro, expected one of cam, imu; correct the override"
     ):
         parse_scene(text, overrides={"sensors.gyro.rate": 50})
 

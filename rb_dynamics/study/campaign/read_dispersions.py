@@ -10,7 +10,7 @@ from rb_dynamics.formats.yaml.document import Node
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.overrides import find
+from rb_dynamics.scene.overrides import find, unknown_item
 from rb_dynamics.study.campaign.control import NOT_NEGATIVE, NUMBER, POSITIVE
 from rb_dynamics.study.campaign.distributions import (
     Choice,
@@ -45,6 +45,8 @@ def inputs(field: Field | None, base: Scene, control: Mapping[str, float]) -> tu
             entry.reject("another key", "each run has a seed of its own, from that of the campaign", "the seed")
         elif key == ORIENTATION:
             found += _orientation(entry)
+        elif unknown := unknown_item(tree, key):
+            entry.reject(unknown[1], "correct the name", unknown[0])
         else:
             found += _numbers(key, entry, _values(key, tree, control))
     names = [each.name for each in found]

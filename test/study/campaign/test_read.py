@@ -189,3 +189,10 @@ def test_a_scene_given_for_a_campaign_and_a_campaign_for_a_scene(tmp_path: Path)
         SceneError, match=rf"^{campaign}: found a campaign, .* rb-dynamics campaign {campaign}, [^\n]*$"
     ):
         read_scene(campaign)
+
+
+def test_a_dispersed_number_of_a_wheel_that_is_not_there(tmp_path: Path) -> None:
+    wheels = "actuators: [{type: reaction_wheel, name: wheel_x, axis: [1, 0, 0], inertia: 0.01, max_torque: 0.1}]\n"
+    text = CAMPAIGN.replace("body.mass: {u", "actuators.wheel_q.max_torque: {u")
+    with pytest.raises(SceneError, match=r"max_torque: found no actuator wheel_q, expected one of wheel_x; correct"):
+        read_campaign(write(tmp_path, text, SCENE + wheels))
