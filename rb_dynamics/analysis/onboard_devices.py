@@ -48,12 +48,14 @@ class WheelSpeeds:
         max_speed: rad/s; infinite for no limit.
         time_ns: times of the outputs.
         speed: rad/s, one for each.
+        rate: largest angular velocity of the body, rad/s; 0 where it is not recorded.
     """
 
     name: str
     max_speed: float
     time_ns: Times
     speed: Array
+    rate: float = 0.0
 
     @property
     def first(self) -> float:
@@ -203,7 +205,7 @@ def onboard(track: Track) -> Onboard:
     told = {topic.name for topic in track.bag.topics.values() if topic.damaged}
     uses = {each.topic: "command" for each in scene.actuators} | {each.name: "sensor" for each in scene.sensors}
     return Onboard(
-        tuple(_wheels(scene.wheels, *found[WHEELS[0]])) if WHEELS[0] in found else (),
+        tuple(_wheels(scene.wheels, *found[WHEELS[0]], _largest_rate(track))) if WHEELS[0] in found else (),
         tuple(_use(each, *found[each.topic]) for each in scene.actuators if each.topic in found),
         tuple(
             part
@@ -268,9 +270,13 @@ def _numbers(
     return {name: (times, rows) for name, (times, rows) in found.items() if len(times)}, damaged
 
 
-def _wheels(wheels: Iterable[ReactionWheel], times: Times, rows: Array) -> Iterator[WheelSpeeds]:
+def _largest_rate(track: Track) -> float:
+    return 0.0 if track.twist is None else float(np.nanmax(np.abs(track.twist.values[:, 3:]), initial=0.0))
+
+
+def _wheels(wheels: Iterable[ReactionWheel], times: Times, rows: Array, rate: float) -> Iterator[WheelSpeeds]:
     for place, wheel in enumerate(wheels):
-        yield WheelSpeeds(wheel.name, wheel.max_speed, times, rows[:, place])
+        yield WheelSpeeds(wheel.name, wheel.max_speed, times, rows[:, place], rate)
 
 
 def _use(actuator: Actuator, times: Times, rows: Array) -> ActuatorUse:

@@ -37,9 +37,12 @@ def as_dict(run: Run, spread: Covariance | None = None) -> dict[str, Any]:
 
 def as_text(run: Run, spread: Covariance | None = None) -> str:
     """Return the final state and the balances as text, and how uncertain the motion is."""
-    from rb_dynamics.run.sample import unit_of
+    from rb_dynamics.run.sample import told_speed, unit_of
 
     sample = _known(run)
+    if speeds := sample.get("wheel_speeds"):
+        rate = max(map(abs, run.sample.angular_velocity_body))
+        sample["wheel_speeds"] = tuple(told_speed(speed, rate) for speed in speeds)
     seconds = sample.pop("time_ns") / 1e9
     steps = f"{run.steps} step{'' if run.steps == 1 else 's'}"
     lines = [f"after {seconds:.9g} s: {steps} of {run.method} in {run.wall_time_s:.3g} s of computing"]
@@ -221,7 +224,8 @@ def warn_rejected(run: Run, commands: int) -> None:
         rejected = f"{len(run.rejected)} of {commands} commands were rejected and had no effect"
         warn(f"{rejected}; the first: {run.rejected[0]}")
     if run.clipped:
-        note(f"{run.clipped} of {commands} commands were clipped to the limits of their channel or actuator")
+        of = ", ".join(f"{topic} ({count})" for topic, count in sorted(run.clipped_on.items()))
+        note(f"{run.clipped} of {commands} commands were clipped to the limits of their channel or actuator: {of}")
 
 
 @contextlib.contextmanager

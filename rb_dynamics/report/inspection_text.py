@@ -15,6 +15,7 @@ from rb_dynamics.analysis.track import frame_names
 from rb_dynamics.analysis.unexplained_wrench import TELLS, Residual
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.report.html import printable
+from rb_dynamics.run.sample import told_speed
 
 WIDTH = 100
 
@@ -179,8 +180,9 @@ def wheel_rows(summary: RunSummary) -> list[list[str]]:
     rows = [["", "first [rad/s]", "last", "largest", "of max_speed", "at limit [s]"]]
     for each in summary.onboard.wheels:
         limited = math.isfinite(each.max_speed)
+        speeds = each.first, each.last, each.largest
         limit = [f"{100.0 * each.largest / each.max_speed:.3g} %", _short(each.at_limit_s)] if limited else ["", ""]
-        rows.append([each.name, *(_short(speed) for speed in (each.first, each.last, each.largest)), *limit])
+        rows.append([each.name, *(_short(told_speed(speed, each.rate)) for speed in speeds), *limit])
     return rows if len(rows) > 1 else []
 
 

@@ -129,7 +129,9 @@ def _check_tiles(summary: RunSummary) -> list[Tile]:
     judged = (" balance", "explains the motion")
     data = [check for check in summary.checks if not check.name.endswith(judged)]
     failed = [Tile(check.name, "failed", check.detail, "bad") for check in data if not check.passed]
-    tiles = failed or [Tile("Log", "whole", f"{len(data)} checks of the data passed", "good")]
+    judgements = [check.passed for check in summary.checks if check.judged]
+    count = "all" if all(judgements) else f"{sum(judgements)} of"
+    tiles = failed or [Tile("Log", "whole", f"{count} {len(judgements)} checks passed", "good")]
     if summary.residual is not None:
         left = summary.residual
         given = left.explained or left.explainable

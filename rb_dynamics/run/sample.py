@@ -43,6 +43,14 @@ _UNITS = {
 }
 
 
+def told_speed(speed: float, rate: float) -> float:
+    """Return the speed of a wheel (rad/s) for texts: 0 where it is the rounding of the body's `rate` (rad/s).
+
+    It is relative to the body, a total less a rate; that of a wheel at rest is seldom exactly 0.
+    """
+    return speed if abs(speed) > 1e-15 * abs(rate) else 0.0
+
+
 def unit_of(name: str) -> str:
     """Return the unit of a field of `Sample`, or of a column of its numbers; "" if it has none."""
     return next((unit for begin, unit in _UNITS.items() if name.startswith(begin)), "")

@@ -12,9 +12,10 @@ import math
 import os
 import time
 from bisect import insort
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol, cast
@@ -125,7 +126,7 @@ class Simulation:
     they take effect, not on how often `advance` is called, nor on the output rate.
 
     Attributes:
-        clipped: number of commands reduced by the limits of their channel.
+        clipped_on: number of commands reduced by the limits of their channel or actuator, by topic.
         taken_back: commands that `post` or `actuate` accepted, but that were rejected because the motion could not
             continue with them.
         refused: states from `set_state` from which the motion could not continue, each with the reason; the body was
@@ -158,7 +159,7 @@ class Simulation:
         self._moves: list[StateChange] = []
         self.taken_back: list[RejectedWrench | ActuatorCommand] = []
         self.refused: list[tuple[StateChange, str]] = []
-        self.clipped = 0
+        self.clipped_on = Counter[str]()
         # Times at which wheels came near their limits, by wheel and limit.
         self._remarks: dict[tuple[str, str], str] = {}
         self.continues = False
@@ -446,7 +447,8 @@ class Simulation:
         # A command for after the end is kept, too: see `hasten`.
         self._channels.take(command, time_ns)
         self._edge_schedule.forget()
-        self.clipped += command.clipped and self._before_end(time_ns)
+        if command.clipped and self._before_end(time_ns):
+            self.clipped_on[self.scene.channels[command.channel].topic] += 1
 
     def actuate(self, topic: str, value: float, time_ns: int = 0) -> bool:
         """Let a command to an actuator take effect as `post` does; returns whether its limits reduce it.
@@ -464,8 +466,14 @@ class Simulation:
             # A rejected one is kept, too: sinks receive it at its time.
             self._bank.post(topic, value, time_ns)
         clipped = self._bank.accept(topic, value)
-        self.clipped += clipped and in_time
+        if clipped and in_time:
+            self.clipped_on[topic] += 1
         return clipped
+
+    @property
+    def clipped(self) -> int:
+        """Number of commands reduced by the limits of their channel or actuator."""
+        return self.clipped_on.total()
 
     def _before_end(self, time_ns: int) -> bool:
         return self.end_ns is None or time_ns <= self.end_ns
@@ -1152,7 +1160,7 @@ class Run:
         steps: total number of steps.
         wall_time_s: wall time of the run, s.
         rejected: the reason for each rejected command; the run continued without them.
-        clipped: number of commands reduced by the limits of their channel.
+        clipped_on: number of commands reduced by the limits of their channel or actuator, by topic.
         remarks: warnings in full sentences, about limits that were nearly reached, steps that are too long, and
             commands that come too slowly.
     """
@@ -1162,8 +1170,13 @@ class Run:
     steps: int
     wall_time_s: float
     rejected: tuple[str, ...] = ()
-    clipped: int = 0
+    clipped_on: Mapping[str, int] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+
+    @property
+    def clipped(self) -> int:
+        """Number of commands reduced by the limits of their channel or actuator."""
+        return sum(self.clipped_on.values())
 
 
 def simulate(
@@ -1242,7 +1255,7 @@ def simulate(
             with uninterrupted():
                 run.finish()
     wall_time_s = time.perf_counter() - started
-    return Run(end, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped, tuple(remarks))
+    return Run(end, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped_on, tuple(remarks))
 
 
 def _first_stamps(commands: object) -> list[tuple[str, int]]:

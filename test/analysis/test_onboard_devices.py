@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.report.html import write_html
-from rb_dynamics.report.inspection_text import as_text
+from rb_dynamics.report.inspection_text import as_text, wheel_rows
 from rb_dynamics.report.run_page import run_report
 
 SCENE = """
@@ -175,6 +176,11 @@ def test_text_and_page_show_them(log: Path, tmp_path: Path) -> None:
     text = as_text(found.summary)
     for title in ("REACTION WHEEL", "ACTUATOR", "SENSOR ERROR", "camera, position world [m]"):
         assert title in text
+    # At rest at first; relative to the body, that is a difference of two rates.
+    (wheel,) = found.summary.onboard.wheels
+    speeds = replace(wheel, speed=np.array([3e-18, *wheel.speed[1:]]))
+    summary = replace(found.summary, onboard=replace(found.summary.onboard, wheels=(speeds,)))
+    assert wheel_rows(summary)[1][:2] == ["wheel", "0"]
     page = tmp_path / "page.html"
     write_html(page, run_report(found.track, found.summary))
     html = page.read_text()

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import io
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from bag_rows import STAMPED, stamped, write_rows
 
 from rb_dynamics.cli import main, output
+from rb_dynamics.cli.output import as_text, warn_rejected
 from rb_dynamics.errors import LogError
+from rb_dynamics.loads.actuator import Setpoint
+from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS as SECOND
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.scene.read import parse_scene
 
 
 def test_a_terminal_that_lacks_a_character_shows_its_escape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,3 +71,23 @@ def test_commands_of_a_bag_that_come_too_slowly_are_noted(tmp_path: Path, capsys
     notes = [line for line in capsys.readouterr().err.splitlines() if "raise its rate" in line]
     assert len(notes) == 1
     assert notes[0].startswith("note: slow: the body turns by 1.5 rad from one command to the next")
+
+
+def test_clipped_commands_are_named_and_a_wheel_at_rest_is_at_0(capsys: pytest.CaptureFixture[str]) -> None:
+    text = """\
+body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}
+initial: {angular_velocity_body: [0.3, 0.2, 0.1]}
+duration: 1
+wrenches: [{topic: push, max_force: 1.0, on_excess: clip}]
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 0.1, max_torque: 1.0}
+  - {type: reaction_wheel, name: other, axis: [1, 0, 0], inertia: 0.1, max_torque: 1.0, speed: 5.0}
+"""
+    push, turn = ("push", Wrench((9.0, 0.0, 0.0))), ("wheel/command", Setpoint(5.0))
+    run = simulate(parse_scene(text), [push, push, turn])
+    warn_rejected(run, 3)
+    assert "3 of 3 commands were clipped to the limits of" in (said := capsys.readouterr().err)
+    assert said.endswith("actuator: push (2), wheel/command (1)\n")
+    sample = replace(run.sample, wheel_speeds=(3.46945e-18, 5.0))
+    (line,) = [line for line in as_text(replace(run, sample=sample)).splitlines() if "wheel_speeds" in line]
+    assert line.split() == ["wheel_speeds", "0", "5", "rad/s"]

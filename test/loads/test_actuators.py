@@ -111,6 +111,7 @@ def test_limits_and_unknown_actuators_are_counted() -> None:
     assert "one of jet/command, rod/command, valve/command" in run.rejected[0]
     assert "0 or from minimum_on = 0.005 s" in run.rejected[1]
     assert run.clipped == 2
+    assert run.clipped_on == {"rod/command": 1, "valve/command": 1}
     assert [(each.topic, bool(each.reason), each.clipped) for each in sink.commands] == [
         ("valve/command", False, True),
         ("rod/command", False, True),
