@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TextIO
 
 from rb_dynamics.errors import RigidBodyError, SceneError
-from rb_dynamics.study.campaign.user_modules import UserModules
+from rb_dynamics.study.campaign.user_modules import PACKAGE, UserModules
 
+_PACKAGE = Path(__file__).parents[2]
 _LONGEST_REASON = 300
 
 
@@ -90,7 +93,13 @@ def called_for_numbers(what: str, function: Callable[..., Any], *arguments: obje
 def _described(error: BaseException) -> str:
     """Return the message of `error` and where in the user's file it was raised, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+    text = re.sub(rf"{PACKAGE}[0-9a-f]+\.", "", text)
+    # The line of the user: what it calls, of this package too, may raise further in.
     frames = traceback.extract_tb(error.__traceback__)
-    inner = [frame for frame in frames if "importlib" not in frame.filename]
-    where = f", {os.path.basename(inner[-1].filename)}:{inner[-1].lineno}" if len(inner) > 1 else ""
+    inner = [frame for frame in frames if "importlib" not in frame.filename and not _is_ours(frame.filename)]
+    where = f", {os.path.basename(inner[-1].filename)}:{inner[-1].lineno}" if inner else ""
     return f"{text[:_LONGEST_REASON]}{where}"
+
+
+def _is_ours(file: str) -> bool:
+    return Path(file).is_relative_to(_PACKAGE)

@@ -27,6 +27,9 @@ from typing import Any
 
 from rb_dynamics.errors import SceneError
 
+PACKAGE = "rb_dynamics_campaign_"
+"""Begin of the name of the package of the modules of a campaign; a hash follows."""
+
 
 @dataclass(frozen=True)
 class ModuleSource:
@@ -111,7 +114,7 @@ class UserModules:
 
     @cached_property
     def _package(self) -> str:
-        return f"rb_dynamics_campaign_{_sha256(repr(sorted(self.hashes.items())).encode())}"
+        return f"{PACKAGE}{_sha256(repr(sorted(self.hashes.items())).encode())}"
 
     @cached_property
     def _by_name(self) -> dict[str, ModuleSource]:

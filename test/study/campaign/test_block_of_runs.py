@@ -480,6 +480,12 @@ def test_a_module_that_exits_is_named(tmp_path: Path) -> None:
         read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_none.law")))
 
 
+def test_a_function_that_is_not_there_is_named_as_the_user_wrote_it(tmp_path: Path) -> None:
+    (tmp_path / "own_trials.py").write_text("def low():\n    pass\n")
+    with pytest.raises(SceneError, match=r"\(AttributeError: module 'own_trials' has no attribute 'law'"):
+        read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_trials.law")))
+
+
 def test_a_law_that_lacks_a_file_is_no_failed_run(tmp_path: Path) -> None:
     (tmp_path / "own_bad.py").write_text(OWN.format(**{**GOOD, "first": "open('/none/such')"}))
     campaign = read_campaign(write(tmp_path, CAMPAIGN.replace("law: rate_damping", "law: own_bad.law")))

@@ -281,6 +281,11 @@ def test_a_command_that_no_one_can_follow_fails_the_run(tmp_path: Path, old: str
             r"e\+(299|300)\) N at simulation time 0.6 s, .* more than",
         ),
         ("measured.angular_velocity_body", "measured.sensors['gyro']", r"raised KeyError: 'gyro', spy.py:13"),
+        (
+            "measured.angular_velocity_body",
+            "measured.sensors['imu'].rate",
+            r"the sensor imu has no rate, expected one of time_s, .*, spy.py:13",
+        ),
     ],
 )
 def test_a_run_with_an_impossible_command_fails(tmp_path: Path, old: str, new: str, said: str) -> None:
