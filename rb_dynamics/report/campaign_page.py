@@ -144,7 +144,11 @@ def _tiles(summary: CampaignSummary) -> list[Tile]:
 
 def _note(metric: MetricSummary) -> str:
     middle = next(each.value for each in metric.quantiles if each.probability == 0.5)
-    missing = f", no value in {metric.missing} runs" if metric.missing else ""
+    missing = (
+        f", {'never' if metric.never == metric.missing else NO_VALUE} in {metric.missing} runs"
+        if metric.missing
+        else ""
+    )
     most = f", most {metric.most:.4g}" if metric.count else ""
     return f"median {value_text(middle, metric)}{most}{missing}"
 

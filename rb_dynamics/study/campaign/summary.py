@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rb_dynamics.study.campaign.model import Campaign, Metric
+from rb_dynamics.study.campaign.model import NO_VALUE, Campaign, Metric
 
 if TYPE_CHECKING:
     import numpy as np
@@ -479,7 +479,7 @@ def worst_text(metric: MetricSummary) -> str:
     if metric.worst is None:
         return ""
     if metric.worst.value is None:
-        return f"{metric.name}: no value in run {metric.worst.run}"
+        return f"{metric.name}: {'never' if metric.never else NO_VALUE} in run {metric.worst.run}"
     value = f"{metric.worst.value:.4g} {metric.unit}".strip()
     return f"{metric.name}: {value}, the {metric.worst.which}, in run {metric.worst.run}"
 

@@ -204,11 +204,11 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     text = as_text(campaign, summarise(campaign, rows), ["--seed", "7"])
     # Below 0.25 is required of the first; nothing of the others, which are the largest then, or never came.
     assert "worst       final_rate: 20 rad/s, the largest, in run 0\n" in text
-    assert "worst       settled: no value in run 7\n" in text
+    assert "worst       settled: never in run 7\n" in text
     assert [line.split()[-1] for line in text.splitlines() if "--seed 7 --rerun" in line][:2] == ["0", "7"]
     for limits, expected in (
         ((Requirement("settled", above=3.0),), "settled: 0 s, the smallest, in run 0"),
-        ((Requirement("settled", 40.0, 3.0),), "settled: no value in run 7"),
+        ((Requirement("settled", 40.0, 3.0),), "settled: never in run 7"),
         ((Requirement("final_rate", above=3.0),), "final_rate: 0 rad/s, the smallest, in run 20"),
         ((Requirement("final_rate", 19.0, 2.5),), "final_rate: 0 rad/s, the smallest, in run 20"),
         ((Requirement("final_rate", 19.0, 0.5),), "final_rate: 20 rad/s, the largest, in run 0"),
@@ -220,7 +220,7 @@ def test_the_worst_runs_are_named_with_their_command(tmp_path: Path) -> None:
     for each in (campaign, required):
         assert "settled: 35 s, the largest, in run 35" in as_text(each, summarise(each, rows))
     never = rows | {"settled": np.full(36, np.nan)}
-    assert "settled: no value in run 0" in as_text(campaign, summarise(campaign, never))
+    assert "settled: never in run 0" in as_text(campaign, summarise(campaign, never))
 
 
 def test_an_infinite_value_is_one(tmp_path: Path) -> None:
@@ -241,7 +241,7 @@ def test_a_tile_of_what_was_never_reached_names_no_largest_value(tmp_path: Path)
     campaign, rows = by_its_inputs(tmp_path, 36)
     rows["settled"] = np.full(36, np.nan)
     (tile,) = (each for each in campaign_report(campaign, rows).sections[0].tiles if "settled" in each.label)
-    assert (tile.value, tile.note) == ("never", "median never, no value in 36 runs")
+    assert (tile.value, tile.note) == ("never", "median never, never in 36 runs")
 
 
 def test_lists_say_what_part_of_all_they_show(tmp_path: Path) -> None:
