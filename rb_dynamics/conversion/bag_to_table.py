@@ -324,11 +324,12 @@ def quantities_of(
         found |= {part for name in wanted or names for part in _COVARIANCES.get(names.get(name, ""), ((),))[0]}
     missing = sorted(name for name in wanted if name not in names)
     if missing or not found:
-        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())) or "none"
+        known = {name: kind for name, kind in kinds.items() if kind in QUANTITIES} or kinds
+        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(known.items())) or "none"
         raise LogError(
             f"{where}: found {'no topic ' + missing[0] if missing else 'nothing to convert'}, expected a topic of a "
-            f"pose, a twist, an IMU, a wrench or another type whose quantities are known; the topics are {listed}: "
-            "name one of these"
+            f"pose, a twist, an IMU, a wrench or another type whose quantities are known; "
+            + (f"those are {listed}: name one of these" if known is not kinds else f"the topics are {listed}")
         )
     return [quantity for quantity in _ORDER if quantity in found]
 

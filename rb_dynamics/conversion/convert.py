@@ -258,8 +258,10 @@ def _samples_to_table(
             skip(each.path, error)
             continue
         parts.append((each.path, scene, names))
-        devices = {names[sensor.name] for sensor in scene.sensors} | {names[WHEELS[0]] for _ in scene.wheels}
+        devices = {names[sensor.name] for sensor in scene.sensors}
         _warn_of(each, devices, "not in the samples, a table of messages has those that --pose-topic names")
+        wheels = {names[WHEELS[0]] for _ in scene.wheels}
+        _warn_of(each, wheels, "in no table, inspect shows them")
     wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
     run = [Column("run", "text")] if len(logs) > 1 else []
     columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=unit_of(name)) for name in wide)]

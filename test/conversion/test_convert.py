@@ -79,7 +79,10 @@ def test_sensors_and_wheels_that_samples_leave_out_are_named(
     simulate(scene, [], [McapSink(log)])
     to_table([log], table)
     assert "/tracker (geometry_msgs/msg/QuaternionStamped, 5 messages)" in caplog.text
-    assert "/wheels (sensor_msgs/msg/JointState, 11 messages)" in caplog.text
+    assert "in no table, inspect shows them: /wheels (sensor_msgs/msg/JointState, 11 messages)" in caplog.text
+    with pytest.raises(LogError, match=r"nothing to convert, .*; those are .*/tracker .*: name one of these") as caught:
+        to_table([log], table, ["/wheels"])
+    assert "JointState" not in str(caught.value)
     (written,) = to_table([log], table, ["/tracker"])
     assert written.rows == 5
 
