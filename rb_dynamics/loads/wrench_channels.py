@@ -75,11 +75,11 @@ def topic_fault(topic: str) -> tuple[str, str] | None:
     if not is_topic_name(topic):
         return "a ROS topic name", NAMING
     if name in _PUBLISHED:
-        return "a topic that rb_dynamics does not publish itself", "rename the channel, for example to wrench"
+        return "a topic that rb_dynamics does not publish itself", "take another name"
     if name.startswith("effects/"):
-        return "a topic outside effects/, where the log keeps what effects hold", "rename the channel"
+        return "a topic outside effects/, where the log keeps what effects hold", "take another name"
     if name.endswith("/applied"):
-        return "a topic that does not end in /applied, where the log keeps what acted", "rename the channel"
+        return "a topic that does not end in /applied, where the log keeps what acted", "take another name"
     return None
 
 

@@ -363,7 +363,8 @@ class AccuracyControl:
 _SHORT = 1e3
 _TOO_FAST = (
     "a load is discontinuous there, and its effect should name the time in knots() and choose the load by `start`, or "
-    "it is too strong; correct it, or accept a larger solver.accuracy"
+    "it is too strong, as near a centre of gravity into which the body falls; correct it, or accept a larger "
+    "solver.accuracy"
 )
 
 

@@ -616,3 +616,13 @@ def test_a_thrust_that_holds_a_turning_body_up_is_no_error(method: str) -> None:
     held = HeldWrench(force_body=up, force_world=down)
     phase = driven(Case(body, turning, held, {}), method, 1e-9, 10.0).at(10 * NANOSECONDS)
     assert norm(phase.center_of_mass_world) < 1e-11
+
+
+def test_a_body_that_falls_into_a_centre_of_gravity_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "never")
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {position_world: [1, 0, 0]}\n"
+        "effects: [{type: central_gravity, gravitational_parameter: 1.0}]\nwrenches: []\nduration: 5\n"
+    )
+    with pytest.raises(ConvergenceError, match=r"at simulation time 1.1107.*near a centre of gravity into which the"):
+        simulate(scene)

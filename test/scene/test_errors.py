@@ -500,3 +500,8 @@ def test_many_problems_are_cut() -> None:
 
 def test_two_forms_are_one_too_many() -> None:
     assert "found diagonal and shape" in error_of(inertia("{diagonal: [1, 2, 3], shape: {type: box}}"))
+
+
+def test_advice_on_the_name_of_a_sensor_is_not_that_for_a_channel() -> None:
+    text = error_of(BODY + "sensors: [{type: imu, name: pose, rate: 10}]\n")
+    assert "expected a topic that rb_dynamics does not publish itself; take another name" in text
