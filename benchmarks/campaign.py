@@ -504,18 +504,18 @@ def devices(runs: int) -> None:
         f"body: {{mass: 10.0, inertia: {{diagonal: {list(SATELLITE_MOMENTS)}}}}}",
         f"body:\n  mass: 10.0\n  inertia: {{diagonal: {list(SATELLITE_MOMENTS)}}}",
     )
-    for law, actuators in (
-        ("with_wheels", wheels),
-        ("with_forces", wheels),
-        ("with_both", wheels + _THRUSTERS),
-        ("with_thrusters", _THRUSTERS),
+    for row, law, actuators in (
+        ("three wheels", "with_wheels", wheels),
+        ("three wheels by a law that reads the accelerometer", "with_forces", wheels),
+        ("three wheels and six thrusters", "with_both", wheels + _THRUSTERS),
+        ("six thrusters", "with_thrusters", _THRUSTERS),
     ):
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "devices_law.py").write_text(DEVICES_LAW)
             Path(folder, "scene.yaml").write_text(bare.replace("ACTUATORS", actuators).replace("METHOD", "dop853"))
             path = Path(folder, "campaign.yaml")
             path.write_text(DEVICES.replace("LAW", law).replace("METHOD", "dop853"))
-            print(law)
+            print(row)
             by_accuracy(path, runs)
 
 

@@ -468,9 +468,7 @@ class RecordedWrenches:
             if bag.ours and bag.moves
         )
         self.notes += (
-            f"{bag.path}: {_drive_nothing(bag, actuators)}"
-            for bag in self._bags
-            if actuators and bag.drives_nothing
+            f"{bag.path}: {_drive_nothing(bag, actuators)}" for bag in self._bags if actuators and bag.drives_nothing
         )
         self.notes += (
             f"{bag.path}: no channel or actuator of the scene takes {_several(bag.unused)}; map with --topic "
