@@ -414,7 +414,8 @@ def _times(times_ns: npt.ArrayLike, start_ns: int) -> Times:
         )
     time_count(int(times.max()), "the largest of times_ns")
     times = times.astype(np.int64)
-    if (bad := np.flatnonzero(np.diff(times, prepend=start_ns) < 0)).size:
+    # Compared, not subtracted: a difference of two 64-bit times may not fit into 64 bits.
+    if (bad := np.flatnonzero(times < np.append(start_ns, times[:-1]))).size:
         k = int(bad[0])
         before = int(times[k - 1]) if k else start_ns
         raise ValueError(f"times_ns[{k}] is {times[k]}, expected {before} or later: time only grows")

@@ -501,6 +501,11 @@ def test_each_body_has_a_largest_torque_of_its_own() -> None:
         many.hold(torque_body=[[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]])
 
 
+def test_times_whose_difference_64_bits_do_not_hold_do_not_go_back() -> None:
+    with pytest.raises(ValueError, match="time only grows"):
+        driven(RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5)), State(), [2**62 + 5, -(2**62) - 10], method="exact")
+
+
 def test_times_beyond_64_bits_are_shown_as_given() -> None:
     """Unsigned ones were shown negative."""
     with pytest.raises(ValueError, match=rf"the largest of times_ns is {2**63 + 5}"):
