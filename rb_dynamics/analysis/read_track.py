@@ -32,7 +32,7 @@ from rb_dynamics.analysis.track import (
     motion_blocks,
     shared,
 )
-from rb_dynamics.analysis.transform_tree import is_fixed, pairs, pose_between
+from rb_dynamics.analysis.transform_tree import is_fixed, other_ways, pairs, pose_between
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
@@ -445,6 +445,7 @@ class _TrackReader:
         return self.scene.frames.body_frame if self.scene else ""
 
     def _of_frames(self, world: str, body: str) -> TimeSeries:
+        self.notes += other_ways(self.bag, world, body)
         direct = pairs(self.bag).get((world.lstrip("/"), body.lstrip("/")))
         if direct is not None:
             return self._read("pose", direct.name, self.bag.poses)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,17 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import Bag
-from rb_dynamics.numerics.rotation_arrays import interpolated, product, rotate_all, rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import (
+    interpolated,
+    lengths,
+    product,
+    rotate_all,
+    rotate_all_inverse,
+    rotations_between,
+)
+
+# The transforms of a way, from the outer frame inwards, and whether each is taken from parent to child.
+_Steps: TypeAlias = "list[tuple[Topic, bool]]"
 
 
 @dataclass(frozen=True)
@@ -60,7 +71,47 @@ def pose_between(bag: Bag, world: str, body: str) -> FramePose:
         LogError: the transforms do not connect the frames, or not at one time.
     """
     known = pairs(bag)
-    steps = _path(bag, known, world.lstrip("/"), body.lstrip("/"))
+    steps = _path(known, world.lstrip("/"), body.lstrip("/"))
+    if not steps:
+        raise _unconnected(bag, known, world, body)
+    return _composed(bag, steps, world, body)
+
+
+def other_ways(bag: Bag, world: str, body: str) -> list[str]:
+    """Return one sentence for each other way from `world` to `body`: in a tree there is none, and they may differ."""
+    known = pairs(bag)
+    steps = _path(known, world.lstrip("/"), body.lstrip("/"))
+    found: dict[tuple[str, ...], str] = {}
+    for used, _ in steps:
+        rest = {frames: topic for frames, topic in known.items() if topic is not used}
+        if other := _path(rest, world.lstrip("/"), body.lstrip("/")):
+            names = tuple(topic.name for topic, _ in other)
+            found[names] = found.get(names) or (
+                f"The transforms also lead from {world} to {body} by {', '.join(names)}, where a tree has one way: "
+                + _apart(bag, steps, other, world, body)
+            )
+    return list(found.values())
+
+
+def _apart(bag: Bag, one: _Steps, other: _Steps, world: str, body: str) -> str:
+    """Return how far the poses of two ways are apart."""
+    try:
+        first, second = (_composed(bag, steps, world, body) for steps in (one, other))
+    except LogError:
+        return "nothing says whether the two agree."
+    begin, end = (first.time_ns[0], first.time_ns[-1]) if len(second.time_ns) == 1 else second.time_ns[[0, -1]]
+    common = (first.time_ns >= begin) & (first.time_ns <= end)
+    if not common.any():
+        return "the two are of other times."
+    rows = first.values[common]
+    there = interpolated(second.time_ns, second.values, first.time_ns[common])
+    far = lengths(there[:, :3] - rows[:, :3]).max()
+    turned = lengths(rotations_between(rows[:, 3:], there[:, 3:])).max()
+    return f"the two are up to {far:.3g} m and {turned:.3g} rad apart."
+
+
+def _composed(bag: Bag, steps: _Steps, world: str, body: str) -> FramePose:
+    """Return the pose along a way of transforms."""
     moving = [topic for topic, _ in steps if not is_fixed(topic)]
     parts = {topic.name: _rows(topic) for topic, _ in steps}
     far = {topic.name: strays(parts[topic.name][0]) for topic in moving}
@@ -103,9 +154,9 @@ def _usable(topic: Topic) -> NDArray[np.bool_]:
     return usable
 
 
-def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) -> list[tuple[Topic, bool]]:
-    """Return the transforms from `world` to `body`, and whether each is taken from parent to child."""
-    reached: dict[str, list[tuple[Topic, bool]]] = {world: []}
+def _path(known: dict[tuple[str, str], Topic], world: str, body: str) -> _Steps:
+    """Return the shortest way from `world` to `body`, and whether each transform is taken from parent to child."""
+    reached: dict[str, _Steps] = {world: []}
     waiting = deque([world])
     while waiting:
         here = waiting.popleft()
@@ -114,13 +165,15 @@ def _path(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) 
                 if start == here and end not in reached:
                     reached[end] = [*reached[here], (topic, inwards)]
                     waiting.append(end)
-    if found := reached.get(body):
-        return found
+    return reached.get(body, [])
+
+
+def _unconnected(bag: Bag, known: dict[tuple[str, str], Topic], world: str, body: str) -> LogError:
     if faults := [topic.error for topic in bag.topics.values() if topic.type_name == TRANSFORMS and topic.error]:
-        raise faults[0]
+        return faults[0]
     listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(known))
     remedy = f"there are {listed}: name two of these frames" if listed else "it has none at all: name a topic of a pose"
-    raise LogError(
+    return LogError(
         f"{bag.path}: found no transforms from {world!r} to {body!r}, expected two frames that transforms connect; "
         + remedy
     )

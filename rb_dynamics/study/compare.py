@@ -19,6 +19,7 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.recording_differences import MOTION, Bound, Comparison, Given, compare_tracks
 from rb_dynamics.analysis.time_alignment import Alignment, best_lag, misfit
 from rb_dynamics.analysis.track import Times, Track
+from rb_dynamics.analysis.transform_tree import other_ways
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import SCALAR
@@ -199,6 +200,8 @@ class _Flights:
                 self.notes.append(f"{bag.path}: {part} are cut short or damaged, and left out.")
         self.notes += [unset_stamps.told(bag.path)] * bool(bag.unset)
         self.notes += [f"{bag.path}: {each}." for each in losses(track)]
+        if choice is not None and choice.frames is not None:
+            self.notes += [f"{bag.path}: {each}" for each in other_ways(bag, *choice.frames)]
         motion = [each.topic for each in track.motion] if self._one_bag else []
         return Given(track, ", ".join([str(source), *dict.fromkeys(motion)]))
 

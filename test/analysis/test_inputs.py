@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,34 @@ def test_frames_compose_as_scipy_does(seed: int, fixed: bool, sqlite: bool, extr
     np.testing.assert_allclose(
         back.values[:, :3], -Rotation.from_quat(POSES[:, 3:]).inv().apply(POSES[:, :3]), atol=1e-12
     )
+
+
+def test_transforms_that_lead_to_a_frame_in_two_ways_are_named(tmp_path: Path) -> None:
+    turned = [0.0, 0.0, 0.0, 0.0, 0.0, np.sin(0.1), np.cos(0.1)]
+    static = [("/tf_static", TF, 0, transforms([transform(0, "map", "odom", turned)]))]
+    both = [
+        ("/tf", TF, t, transforms([transform(t, "odom", "base", row), transform(t, "map", "base", row)]))
+        for t, row in zip(TIMES, POSES, strict=True)
+    ]
+    bag = write_bag(tmp_path / "bag", [*static, *both])
+    places = Rotation.from_quat(turned[3:]).apply(POSES[:, :3]) - POSES[:, :3]
+    far = f"up to {np.linalg.norm(places, axis=1).max():.3g} m and 0.2 rad apart"
+    told = rf"also lead from map to base by /tf_static map:odom, /tf odom:base, .* {far}"
+    choice = TopicChoice(frames=("map", "base"))
+    assert [note for note in inspect(bag, topics=choice).track.notes if re.search(told, note)]
+    assert re.search(told, command("convert", bag, tmp_path / "poses.csv", "--frames", "map:base").stderr)
+    alone = write_bag(
+        tmp_path / "tree",
+        [
+            *static,
+            *[
+                (a, b, t, transforms([transform(t, "odom", "base", row)]))
+                for (a, b, t, _), row in zip(both, POSES, strict=True)
+            ],
+        ],
+    )
+    assert not [note for note in inspect(alone, topics=choice).track.notes if "also lead" in note]
+    assert [note for note in compare(bag, alone, topics=choice).notes if re.search(told, note)]
 
 
 def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:

@@ -141,7 +141,7 @@ def _poses(
     sources: Sequence[Path], frames: tuple[str, str], window_s: Window, skip: Skip
 ) -> Iterator[tuple[Path, Poses]]:
     """Yield the poses of one frame in another in each bag; of several, those without them are left out."""
-    from rb_dynamics.analysis.transform_tree import pose_between
+    from rb_dynamics.analysis.transform_tree import other_ways, pose_between
     from rb_dynamics.conversion.bag_to_table import Poses
     from rb_dynamics.errors import LogError
     from rb_dynamics.formats.log_metadata import RUN, loss
@@ -152,6 +152,8 @@ def _poses(
         try:
             bag = read_bag(path)
             pose = pose_between(bag, *frames)
+            for told in other_ways(bag, *frames):
+                print(f"note: {path}: {told}", file=sys.stderr)
             if lost := loss(bag.complete, bag.metadata):
                 skip(path, LogError(f"{path} {lost}"))
             used = {name.partition(" ")[0] for name in pose.topics}
