@@ -665,7 +665,10 @@ class WrenchChannels:
             if held is None:
                 self.came.append(RejectedWrench(now_ns, topic, received, reason))
                 continue
-            heapq.heappush(self._queue, pending._replace(time_ns=now_ns + delay_ns, on_its_way=True))
+            # They act in the order in which they are told, as in a replay: `hasten` may have changed that of arrival.
+            self._number += 1
+            later = pending._replace(time_ns=now_ns + delay_ns, number=self._number, on_its_way=True)
+            heapq.heappush(self._queue, later)
             self.came.append(ReceivedWrench(now_ns, topic, received))
         told: list[AppliedWrench | ReceivedWrench | RejectedWrench] = [*self.came]
         self._done, self._before = due, self._holds.copy()

@@ -379,6 +379,17 @@ output_rate: 50
         c.apply(100)
         assert [time_ns for _, _, time_ns in c.outstanding()] == [100]
 
+    def test_delayed_commands_act_in_the_order_in_which_they_were_told(self) -> None:
+        """A node that fell behind let the first to arrive act last; its log, and so a replay, had the other order."""
+        c = channels(Channel("wrench", delay=2e-8))
+        c.post("wrench", replace(push(1.0), stamp_ns=5), 5)
+        c.post("wrench", replace(push(2.0), stamp_ns=3), 3)
+        told = c.apply(3)
+        assert c.hasten(9, 3) == []
+        told += c.apply(3)
+        assert [change.received for change in told] == [replace(push(2.0), stamp_ns=3), replace(push(1.0), stamp_ns=5)]
+        assert [change.received for change in c.apply(23)] == [change.received for change in told]
+
     def test_impulse_log_and_replay_of_a_delayed_and_biased_channel(self, tmp_path: Path) -> None:
         scene, path = rb.parse_scene(self.SCENE), tmp_path / "run.mcap"
         commands = [("wrench", Wrench((0.0, 3.0, 0.0), stamp_ns=50_000_000)), ("wrench", push(9.0))]
