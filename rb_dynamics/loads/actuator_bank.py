@@ -24,13 +24,17 @@ from rb_dynamics.numerics.vector import ZERO, Vector, add
 
 
 class _Edge(NamedTuple):
-    """A command that takes effect, or an actuator that changes; ordered by time, scene and arrival."""
+    """A command that comes (`is_new`), or an actuator that changes.
+
+    At equal times the actuators come in the order of the scene; of each, changes come before new commands. Changes have
+    the order in which their commands came, and not that in which `post` was told of them, possibly long before.
+    """
 
     time_ns: int
     actuator: int
+    is_new: bool
     number: int
     value: float
-    acts: bool = False
 
 
 class ActuatorBank:
@@ -80,7 +84,7 @@ class ActuatorBank:
         Raises:
             WrenchError: there is no such actuator.
         """
-        self._push(time_ns, self._place(topic), value)
+        self._push(time_ns, self._place(topic), value, is_new=True)
 
     def next_change_ns(self) -> int | None:
         """Return the next time at which a command takes effect or an actuator changes; None if there is none."""
@@ -106,7 +110,7 @@ class ActuatorBank:
             told.append(replace(self._applied(k, now_ns), on_its_way=True))
         while self._queue and self._queue[0].time_ns <= now_ns:
             edge = heapq.heappop(self._queue)
-            if edge.acts:
+            if not edge.is_new:
                 told += self._act(edge)
                 continue
             actuator = self._actuators[edge.actuator]
@@ -116,8 +120,7 @@ class ActuatorBank:
                 told.append(ActuatorCommand(now_ns, actuator.topic, edge.value, str(error)))
                 continue
             told.append(ActuatorCommand(now_ns, actuator.topic, edge.value, "", clipped))
-            delay_ns = nanoseconds(actuator.delay)
-            heapq.heappush(self._queue, edge._replace(time_ns=now_ns + delay_ns, value=value, acts=True))
+            self._push(now_ns + nanoseconds(actuator.delay), edge.actuator, value, is_new=False)
         return told
 
     def turn(self, told: Sequence[ActuatorCommand | AppliedWrench], omega: Vector, states: Sequence[float]) -> None:
@@ -176,9 +179,9 @@ class ActuatorBank:
             raise WrenchError(f"topic {topic!r}, expected that of an actuator, one of {known}; {remedy}")
         return place
 
-    def _push(self, time_ns: int, actuator: int, value: float) -> None:
+    def _push(self, time_ns: int, actuator: int, value: float, is_new: bool) -> None:
         self._number += 1
-        heapq.heappush(self._queue, _Edge(time_ns, actuator, self._number, value))
+        heapq.heappush(self._queue, _Edge(time_ns, actuator, is_new, self._number, value))
 
     def _act(self, edge: _Edge) -> list[AppliedWrench]:
         """Apply a command to an actuator; return its effect on the body if that is a wrench."""

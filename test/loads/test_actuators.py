@@ -14,6 +14,7 @@ from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.replay import replay
 
@@ -77,6 +78,22 @@ def test_a_new_command_replaces_the_pulse_before() -> None:
         sink = rb.MemorySink()
         rb.simulate(scene, [("jet/command", Setpoint(0.25, 100_000_000)), ("jet/command", second)], [sink])
         assert edges(sink.applied, "jet") == expected
+
+
+def test_a_pulse_that_begins_as_another_ends_is_told_alike_whichever_was_posted_first() -> None:
+    """A replay posts the commands of a moment at which the body was moved after the others: it told of no change."""
+    told = []
+    for order in (1, -1):
+        sink = rb.MemorySink()
+        run = Simulation(rb.parse_scene(SCENE), [sink])
+        for time_ns in (100_000_000, 200_000_000)[::order]:
+            run.actuate("jet/command", 0.1, time_ns)
+        run.start()
+        run.advance(1_000_000_000)
+        run.finish()
+        told.append(edges(sink.applied, "jet"))
+    assert told[0] == [(102_000_000, True), (202_000_000, False), (202_000_000, True), (302_000_000, False)]
+    assert told[1] == told[0]
 
 
 def test_a_thruster_acts_like_the_wrench_in_its_frame() -> None:
