@@ -72,15 +72,14 @@ class _Recorder:
             self._describe(entity, messages)
         self.count += len(messages.log_times)
         for quantity, values in messages.values.items():
-            known = np.isfinite(values).all(axis=1)
+            known = _finite(values)
             if known.any():
                 scalars = rr.Scalars.columns(scalars=values[known])
-                self.stream.send_columns(
-                    f"{entity}/{quantity.name}", self._times(messages, known), scalars, strict=True
-                )
+                times = self._times(messages, known)
+                self.stream.send_columns(f"{entity}/{quantity.name}", times, scalars, strict=True)
         if POSITION in messages.values:
             position, orientation = messages.values[POSITION], messages.values[ORIENTATION]
-            known = np.isfinite(np.column_stack([position, orientation])).all(axis=1)
+            known = _finite(np.column_stack([position, orientation]))
             if known.any():
                 self.paths[messages.topic].extend(position[known])
                 poses = rr.Transform3D.columns(translation=position[known], quaternion=orientation[known])
@@ -129,3 +128,9 @@ class _Recorder:
 def _names(quantity: Quantity) -> list[str]:
     unit = f" [{quantity.unit}]" if quantity.unit else ""
     return [f"{quantity.name} {axis}".strip() + unit for axis in quantity.axes]
+
+
+def _finite(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows (n, k) have finite numbers only."""
+    found: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(rows), axis=1)
+    return found

@@ -6,6 +6,7 @@ import math
 import random
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -470,9 +471,10 @@ def test_what_is_held_does_not_change_with_the_array_it_came_from() -> None:
 
 
 @needs_numba
-def test_one_edge_does_not_wait_for_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_edge_does_not_wait_for_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By `exact`, which takes it longest."""
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "auto")
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     one_by_one = Mover(METHODS["exact"])._one_by_one
     assert one_by_one is not None
 
