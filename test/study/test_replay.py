@@ -751,3 +751,45 @@ def test_a_log_of_a_scene_that_no_text_says_is_not_run_again_as_another(tmp_path
 
     simulate(dataclasses.replace(scene, source="other.yaml"), sinks=[McapSink(path)])
     assert replay(path).identical
+
+
+MANY_DEVICES = """
+body:
+  mass: 3.3
+  inertia: {matrix: [[0.3, 0.01, 0.0], [0.01, 0.4, -0.02], [0.0, -0.02, 0.5]]}
+  frames: {jet: {position: [0.3, 0.1, -0.2], orientation: {x: 0, y: 0, z: 0.6, w: 0.8}}}
+initial: {angular_velocity_body: [0.3, -0.2, 1.1]}
+wrenches:
+  - {topic: a, timeout: 0.31, max_force: 1.0, on_excess: clip, delay: 0.013}
+  - {topic: b, lag: 0.07, bias: {force: [0, 0.1, 0]}}
+actuators:
+  - {type: reaction_wheel, name: wheel, axis: [1, 0.2, 0], inertia: 1.0e-3, max_torque: 0.02, speed: 10.0}
+  - {type: thruster, name: jet, frame: jet, force: 0.5, minimum_on: 0.005, delay: 0.002, rise: 0.003, fall: 0.004}
+solver: {method: dop853, step: 0.003}
+duration: 0.5
+"""
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, tmp_path: Path) -> None:
+    """Commands, pulses, moves and steps as they come in a node; on a grid of 1 ms they often meet."""
+    dice, log = random.Random(seed), tmp_path / "run.mcap"
+    run = Simulation(parse_scene(MANY_DEVICES), [McapSink(log)])
+    run.start()
+    while run.computed_ns < 200_000_000:
+        now_ns, kind = run.computed_ns, dice.random()
+        then_ns = now_ns + 1_000_000 * dice.choice([0, 0, 1, 2, 5, 10])
+        push = dice.gauss(0.0, 0.5), dice.gauss(0.0, 0.5), dice.gauss(0.0, 0.5)
+        if kind < 0.3:
+            run.post(dice.choice("ab"), Wrench(push, frame_id=dice.choice(["", "jet", "world"])), then_ns)
+        elif kind < 0.55:
+            run.actuate("jet/command", dice.choice([0.005, 0.008, 0.01, 0.02, 0.0]), then_ns)
+        elif kind < 0.6:
+            run.actuate("wheel/command", 0.02 * dice.random(), then_ns)
+        elif kind < 0.7:
+            run.move(StateChange.to(State(angular_velocity_body=push), run.scene.body))
+        else:
+            run.advance(now_ns + 1_000_000 * dice.choice([0, 1, 2, 3, 10, 20]))
+    run.advance(500_000_000)
+    run.finish()
+    assert replay(log).identical
