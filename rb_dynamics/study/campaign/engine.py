@@ -132,7 +132,8 @@ class _PlainPython:
         if names := sorted({*waited_for()}):
             _log.warning(
                 "runs are in plain Python, up to a hundred times slower, until another process has compiled their "
-                "kernels; not to wait: Ctrl-C, `rb-dynamics compile %s`, and the same command again, which continues",
+                "kernels; to avoid the wait, press Ctrl-C, run `rb-dynamics compile %s`, and start the same command "
+                "again: it continues",
                 " ".join(names),
             )
 
@@ -249,7 +250,8 @@ def _on_workers(
             future.release()
             for new in submit(islice(blocks, 1)):
                 waiting.add(new)
-                plain.look(lambda: chain.from_iterable(client.run(waited_for).values()))
+                # A worker that is lost says nothing; the campaign goes on without it.
+                plain.look(lambda: chain.from_iterable(client.run(waited_for, on_error="ignore").values()))
             yield columns
 
 
