@@ -18,6 +18,8 @@ With --flips the body spins within 1e-7 to 1e-3 of its middle axis for 30 to 600
 flight, with gusts that are not recorded; a gyro measures at 20 Hz.
 
 With --validate a flight of 0.6 s is fitted, and one of 6 s is held out: of the same body, and of another.
+
+--jobs makes as many fits at a time; the numbers are the same.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import argparse
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +37,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from identified_flights import flown, guess, random_body
+from in_parallel import in_parallel
 
 from rb_dynamics import Identification, RigidBody, identify
 from rb_dynamics.analysis.identification.model_omissions import CHANCE
@@ -101,14 +105,10 @@ def lacking(seed: int) -> tuple[str, Identification, list[float]]:
     return kind, found, [abs(p.value - truth[p.name]) / (p.standard_error or np.inf) for p in known]
 
 
-def print_lacking(count: int, first: int) -> None:
+def print_lacking(seeds: range, jobs: int) -> None:
     """Print the table of fits that lack something."""
     rows: dict[str, list[tuple[Identification, list[float]]]] = {kind: [] for kind in LACKS}
-    for seed in range(first, first + count):
-        try:
-            kind, found, off = lacking(seed)
-        except KeyboardInterrupt:
-            break
+    for kind, found, off in in_parallel(lacking, seeds, jobs):
         rows[kind].append((found, off))
     print("| the model lacks | flights | found | nothing known | not explained | coverage of 95 % | worst number |")
     print("|---|---|---|---|---|---|---|")
@@ -136,16 +136,13 @@ def flips(seed: int) -> tuple[Identification, list[float]]:
     return found, [abs(p.value - truth[p.name]) / (p.standard_error or np.inf) for p in known]
 
 
-def print_flips(count: int, first: int) -> None:
+def print_flips(seeds: range, jobs: int) -> None:
     """Print the table of spins near the middle axis."""
     columns = ("acting", "flights", "in joined segments", "a disturbance said", "nothing known", "not explained")
     print(f"| {' | '.join(columns)} | coverage of 95 % | worst number |\n|{'---|' * (len(columns) + 2)}")
     done = {}
-    for seed in range(first, first + count):
-        try:
-            done[seed] = flips(seed)
-        except KeyboardInterrupt:
-            break
+    for seed, fitted in zip(seeds, in_parallel(flips, seeds, jobs), strict=False):
+        done[seed] = fitted
         print(f"seed {seed}: {max(done[seed][1], default=0.0):.1f} standard errors off", file=sys.stderr, flush=True)
     for kind, acts in (("nothing", 0), ("gusts", 1)):
         some = [each for seed, each in done.items() if seed % 2 == acts]
@@ -158,20 +155,23 @@ def print_flips(count: int, first: int) -> None:
         print(f"| {kind} | {len(some)} | {parts} | {moved} | {unknown} | {told} | {shown} |")
 
 
-def print_validated(count: int, first: int) -> None:
-    """Print what is said of a long flight that is held out from a short one, of the same body or another."""
+def validated(seed: int, factor: float) -> bool | None:
+    """Return what is said of a long flight, of a body with `factor` times the moments, held out from a short one."""
+    random = np.random.default_rng(seed)
+    body = random_body(random)
+    other = RigidBody.from_matrix(body.mass, (factor * np.array(body.inertia)).tolist())
+    made, held_out = (flown(each, random, seconds=s, torque=2.0) for each, s in ((body, 0.6), (other, 6.0)))
+    return identify(guess(body), [made], ["inertia"], validate=[held_out]).validated
+
+
+def print_validated(seeds: range, jobs: int) -> None:
+    """Print what is said of long flights of the same body or another."""
     print("| moments of the body held out | flights | predicted | too uncertain to tell | another body |")
     print("|---|---|---|---|---|")
     for factor in (1.0, 1.05, 1.6):
-        said: list[bool | None] = []
-        for seed in range(first, first + count):
-            random = np.random.default_rng(seed)
-            body = random_body(random)
-            other = RigidBody.from_matrix(body.mass, (factor * np.array(body.inertia)).tolist())
-            made, held_out = (flown(each, random, seconds=s, torque=2.0) for each, s in ((body, 0.6), (other, 6.0)))
-            said.append(identify(guess(body), [made], ["inertia"], validate=[held_out]).validated)
+        said = list(in_parallel(partial(validated, factor=factor), seeds, jobs))
         row = " | ".join(str(said.count(word)) for word in (True, None, False))
-        print(f"| {factor:g} times | {count} | {row} |", flush=True)
+        print(f"| {factor:g} times | {len(said)} | {row} |", flush=True)
 
 
 def main() -> None:
@@ -183,26 +183,19 @@ def main() -> None:
     parser.add_argument("--wrong", action="store_true", help="the model lacks something")
     parser.add_argument("--flips", action="store_true", help="spins near the middle axis")
     parser.add_argument("--validate", action="store_true", help="a long flight is held out from a short one")
+    parser.add_argument("--jobs", type=int, default=1, help="how many at a time")
     args = parser.parse_args()
-    count, first = args.count, args.first
-    if args.wrong:
-        print_lacking(count, first)
-        return
-    if args.flips:
-        print_flips(count, first)
-        return
-    if args.validate:
-        print_validated(count, first)
-        return
+    seeds = range(args.first, args.first + args.count)
+    for wanted, printed in ((args.wrong, print_lacking), (args.flips, print_flips), (args.validate, print_validated)):
+        if wanted:
+            printed(seeds, args.jobs)
+            return
     every: dict[str, list[tuple[float, bool]]] = {}
     wrong = unknown = restless = coloured = unexplained = lacking_something = 0
     begin = time.monotonic()
     done = 0
-    for seed in range(first, first + count):
-        try:
-            errors, missing, found = flight(seed, args.scale)
-        except KeyboardInterrupt:
-            break
+    fits = in_parallel(partial(flight, scale=args.scale), seeds, args.jobs)
+    for seed, (errors, missing, found) in zip(seeds, fits, strict=False):
         done += 1
         unknown, restless = unknown + missing, restless + (not found.converged)
         coloured += any(each.coloured for each in found.residuals)

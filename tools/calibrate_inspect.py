@@ -7,6 +7,7 @@ stamps, with and without commands. Each is judged with the body that flew, with 
 too large, with a mass that is 2 % too large, and with an unrecorded torque in its middle third (of the largest moment,
 rad/s^2); with the pose and the twist, and with either alone. An accused right body is a false alarm. "mass known" says
 how often the mass is, and how often its 95 % interval holds the true one. Ctrl-C ends it with the recordings so far.
+--jobs judges as many at a time; the counts are the same.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ import argparse
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
+from in_parallel import in_parallel
 from noisy_recordings import Recording, recording
 
 from rb_dynamics.analysis.read_track import read_track
@@ -61,6 +64,17 @@ def verdict(made: Recording, moments: float, mass: float, without: tuple[str, ..
     return Said("inertia" if left.explainable else "torque" if left.bias is None else "bias", *rest)
 
 
+def judged(seed: int, wrong: str, sensors: str) -> tuple[int, Said, float] | None:
+    """Return the seed, what is said and the processor time, s; None if the recording has no pose to leave out."""
+    moments, mass, torque = WRONG[wrong]
+    begin = time.process_time()
+    made = recording(seed, torque)
+    recording.cache_clear()
+    if sensors != "twist" and not made.facts["with_pose"]:
+        return None
+    return seed, verdict(made, moments, mass, SENSORS[sensors]), time.process_time() - begin
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -68,35 +82,25 @@ def main() -> None:
     parser.add_argument("first", type=int, nargs="?", default=0, help="first seed")
     parser.add_argument("--wrong", nargs="*", default=list(WRONG), help="some of the errors only")
     parser.add_argument("--sensors", nargs="*", default=list(SENSORS), help="some of them only")
+    parser.add_argument("--jobs", type=int, default=1, help="how many at a time")
     args = parser.parse_args()
+    seeds = range(args.first, args.first + args.count)
     columns = ("not judged", *(f"{what} accused" for what in (*ACCUSED, "mass")), "any check", "mass known", "ms")
     print(f"| sensors | wrong | recordings | {' | '.join(columns)} |")
     print(f"|{'---|' * (3 + len(columns))}")
     for sensors in args.sensors:
-        without = SENSORS[sensors]
         for wrong in args.wrong:
-            moments, mass, torque = WRONG[wrong]
-            said: list[Said] = []
-            seeds = []
-            begin = time.process_time()
-            for seed in range(args.first, args.first + args.count):
-                try:
-                    made = recording(seed, torque)
-                    if sensors != "twist" and not made.facts["with_pose"]:
-                        continue
-                    seeds.append(seed)
-                    said.append(verdict(made, moments, mass, without))
-                    recording.cache_clear()
-                except KeyboardInterrupt:
-                    break
-            took = 1e3 * (time.process_time() - begin) / max(1, len(said))
+            each_judged = in_parallel(partial(judged, wrong=wrong, sensors=sensors), seeds, args.jobs)
+            told = [each for each in each_judged if each is not None]
+            said = [each for _, each, _ in told]
+            took = 1e3 * sum(seconds for *_, seconds in told) / max(1, len(told))
             counts = [sum(word == each.of for each in said) for word in ("not judged", *ACCUSED)]
             counts += [sum(each.mass for each in said), sum(each.failed for each in said)]
             off = [abs(each.off) < 1.96 for each in said if each.off is not None]
             row = " | ".join(map(str, (sensors, wrong, len(said), *counts, f"{len(off)}, {sum(off)}", f"{took:.0f}")))
             print(f"| {row} |", flush=True)
             if wrong == "none":
-                accused = [s for s, each in zip(seeds, said, strict=False) if each.failed]
+                accused = [seed for seed, each, _ in told if each.failed]
                 print(f"accused: {accused}", file=sys.stderr, flush=True)
 
 
