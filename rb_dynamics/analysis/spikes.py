@@ -25,8 +25,8 @@ _TURNED = 2.0
 _FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
 # Without a pose, wrenches may make a spike where they change so many times as much as is usual.
 _PUSHES = 2.0
-# It cannot tell where samples on either side are missing: farther apart than so many usual intervals.
-_MISSING = 2.5
+# It cannot tell where samples are missing: where others are farther apart than usual by so many usual intervals.
+_MISSING = 0.5
 
 
 def without_spikes(
@@ -63,7 +63,7 @@ def without_spikes(
                 rates = rotate_all(unit_rows(pose.values[turned, 3:]), rates)
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
-        alone &= _between_neighbours(twist.time_ns, twist.time_ns[at])
+        alone &= _near_others(twist.time_ns, odd)
         alone &= ~pushed[at] if pose is None else _between_neighbours(pose.time_ns, twist.time_ns[at])
         weight = float(np.sum(size[alone] ** 2))
         hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
@@ -101,7 +101,7 @@ def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes 
     last = len(rates) - 1
     turned = np.linalg.norm(rates[(at + _STEPS).clip(max=last)] - rates[(at - 1 - _STEPS).clip(0, last)], axis=1)
     alone = size > np.maximum(max(_FAR * noise, _ROUNDING * float(np.abs(rows).max())), _TURNED * turned * usual)
-    alone &= _between_neighbours(time_ns, time_ns[at])
+    alone &= _near_others(time_ns, odd)
     if speeds is not None:
         speed = np.linalg.norm(rates, axis=1)[at.clip(max=last)]
         # As many samples as may be a spike, and one on either side.
@@ -141,10 +141,23 @@ def _about(seconds: Array, rows: Array, odd: NDArray[np.bool_]) -> Array:
 
 
 def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
-    """Return at which times samples on either side are not missing."""
+    """Return at which times no samples of another sensor, of these `times`, are missing on either side."""
     near = np.searchsorted(times, at)
-    apart = times[(near + 1).clip(max=len(times) - 1)] - times[(near - 1).clip(0, len(times) - 1)]
-    there: NDArray[np.bool_] = apart <= _MISSING * np.median(np.diff(times))
+    return _all_there(times, near - 1, near + 1)
+
+
+def _near_others(times: Times, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return beside which of the odd samples, and between it and the next others on either side, none is missing."""
+    others = np.concatenate([[-1], np.flatnonzero(~odd), [len(odd)]])
+    after = np.searchsorted(others, np.flatnonzero(odd))
+    return _all_there(times, others[after - 1], others[after])
+
+
+def _all_there(times: Times, first: NDArray[np.intp], last: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return between which samples about as many are as usual; beyond an end there is none."""
+    first, last = first.clip(0, len(times) - 1), last.clip(0, len(times) - 1)
+    usual = np.median(np.diff(times))
+    there: NDArray[np.bool_] = times[last] - times[first] <= (last - first + _MISSING) * usual
     return there
 
 

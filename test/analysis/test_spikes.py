@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from noisy_recordings import flipping
+from noisy_recordings import flipping, recording
 from tumbling import bag_of, failing, spin
 
 from rb_dynamics.analysis.read_track import read_track
@@ -38,6 +38,16 @@ def test_spikes_of_a_gyro_are_no_error_of_its_own(seed: int) -> None:
     assert left is not None
     assert left.explained
     assert left.told
+
+
+@pytest.mark.parametrize("seed", [88, 154, 402, 524])
+def test_beside_missing_samples_there_is_no_spike(seed: int) -> None:
+    """A sample in a gap, as of random stamps, is as far away as a body gets in that time."""
+    made = recording(seed)
+    track = read_track(replace(made.bag, topics={n: t for n, t in made.bag.topics.items() if n != "/b/pose"}))
+    assert track.twist is not None
+    assert track.pose is None
+    assert not track.twist.spikes
 
 
 def test_spikes_are_named_with_their_size_and_time() -> None:
