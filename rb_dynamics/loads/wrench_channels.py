@@ -429,7 +429,7 @@ class WrenchChannels:
             if name not in self._frames.names:
                 continue
             mine = (batch.frame == k).nonzero()[0]
-            columns: Any = tuple(batch.wrench[mine].T)
+            columns: Any = tuple(batch.wrench.take(mine, axis=0).T)
             good[mine] = True
             with np.errstate(over="ignore", invalid="ignore"):
                 parts: Any = self._frames.about_center_of_mass(columns[:3], columns[3:], name)
@@ -445,7 +445,8 @@ class WrenchChannels:
         elif self._frames.turns is False:
             largest_torque = 0.0
         # Usually all are smaller than any limit; one by one takes longer.
-        if not np.abs(held).max(initial=0.0) <= min(largest_force, largest_torque):
+        limit = min(largest_force, largest_torque)
+        if not (held.max(initial=0.0) <= limit and held.min(initial=0.0) >= -limit):
             good &= (np.abs(held) <= np.repeat([largest_force, largest_torque] * 2, 3)).all(axis=1)
         return held, good
 

@@ -76,6 +76,10 @@ class Received(NamedTuple):
         blocks: list[Commands] = []
         numbers = []
         for part in parts:
+            if len(part.blocks) == 1 and len(part.row):
+                numbers.append(part.block + len(blocks))
+                blocks += part.blocks
+                continue
             used = distinct(part.block)
             numbers.append(used.searchsorted(part.block) + len(blocks))
             blocks += (part.blocks[k] for k in used.tolist())
@@ -289,6 +293,8 @@ class CommandTable(NamedTuple):
         """Return the commands from `row` on, and then those of `other`."""
         import numpy as np
 
+        if row == len(self.time_ns):
+            return other
         rest = slice(row, None)
         came = CommandBatch.joined([self.came.some(rest), other.came])
         return CommandTable(came, np.concatenate([self.held[rest], other.held]))
