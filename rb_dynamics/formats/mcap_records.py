@@ -463,8 +463,9 @@ class McapFile:
                     continue
                 # Other records apply to what follows them.
                 self._records_left, alone = left, False
-                layout = _layout([*places, _places(begins, ends, more)])
-                yield from self._placed(data, layout, layout.heads(data), take)
+                if places or more or len(begins):
+                    layout = _layout([*places, _places(begins, ends, more)])
+                    yield from self._placed(data, layout, layout.heads(data), take)
                 places, begins, ends, more = [], begins[:0], ends[:0], []
                 if opcode == 0 or end > limit:
                     raise self._damage("has a chunk that ends within a record")
