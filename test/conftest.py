@@ -26,6 +26,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # The folders whose tests take longest, one by one or all together.
 FIRST = ("ros", "packaging", "benchmarks", "docs", "motion", "study", "verification")
+# As the session was started.
+NICE = os.nice(0)
 OPTIONAL = {"PIL", "mcap", "rerun", "rosbags", "zstandard"}
 MODULES = {"rerun-sdk": "rerun", "imageio-ffmpeg": "imageio_ffmpeg"}
 
@@ -89,6 +91,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run the longest tests first, so that no worker idles at the end."""
     turns = {name: turn for turn, name in enumerate(FIRST)}
     items.sort(key=lambda item: turns.get(item.nodeid.split("/")[1], len(FIRST)))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let the tests of ROS go first: they mostly wait, and what they wait for is late while others use all cores."""
+    if "PYTEST_XDIST_WORKER" in os.environ and ROOT / "test" / "ros" not in item.path.parents and os.nice(0) == NICE:
+        os.nice(5)
 
 
 @pytest.hookimpl(optionalhook=True)
