@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,15 +16,16 @@ ORDER = re.findall(r"`(\w+)`", (rb_dynamics.__doc__ or "").partition("only those
 PARTS = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in PACKAGE.rglob("*.py")}
 
 
-def imported(node: ast.AST) -> Iterator[str]:
-    """Yield the modules that `node` imports: at once, later, or for type checkers only."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Import):
-            yield from (name.name for name in child.names)
-        elif isinstance(child, ast.ImportFrom):
-            yield from (f"{child.module}.{name.name}" for name in child.names)
-        else:
-            yield from imported(child)
+@cache
+def imported(path: Path) -> list[str]:
+    """Return the modules that a file imports: at once, later, or for type checkers only."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found += [f"{node.module}.{name.name}" for name in node.names]
+    return found
 
 
 def test_order_names_every_part_once() -> None:
@@ -34,7 +35,7 @@ def test_order_names_every_part_once() -> None:
 @pytest.mark.parametrize("part", ORDER)
 def test_part_imports_only_those_before_it(part: str) -> None:
     files = [PACKAGE / f"{part}.py", *(PACKAGE / part).rglob("*.py")]
-    found = {name for path in files if path.exists() for name in imported(ast.parse(path.read_text(encoding="utf-8")))}
+    found = {name for path in files if path.exists() for name in imported(path)}
     others = {name.split(".")[1] for name in found if name.startswith("rb_dynamics.")} - {part}
 
     assert others <= set(ORDER[: ORDER.index(part)])
@@ -42,7 +43,7 @@ def test_part_imports_only_those_before_it(part: str) -> None:
 
 def test_scenes_know_of_motion_only_the_names_of_methods() -> None:
     files = (PACKAGE / "scene").rglob("*.py")
-    found = {name for path in files for name in imported(ast.parse(path.read_text(encoding="utf-8")))}
+    found = {name for path in files for name in imported(path)}
 
     motion = {name for name in found if name.startswith("rb_dynamics.motion")}
     assert motion == {"rb_dynamics.motion.METHODS", "rb_dynamics.motion.remedy"}
@@ -52,7 +53,7 @@ def test_only_the_folder_of_the_node_knows_ros() -> None:
     knowing = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
-        if any(name.split(".")[0] == "rclpy" for name in imported(ast.parse(path.read_text(encoding="utf-8"))))
+        if any(name.split(".")[0] == "rclpy" for name in imported(path))
     }
 
     assert knowing
