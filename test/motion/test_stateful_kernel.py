@@ -77,7 +77,13 @@ def told(monkeypatch: pytest.MonkeyPatch, when: str, scene: Scene, pieces: int =
 
 @needs_numba
 @pytest.mark.parametrize(
-    "solver", [Solver("dop853", step=0.05), Solver("dop853", accuracy=1e-9), Solver("dverk", accuracy=1e-7)]
+    "solver",
+    [
+        Solver("dop853", step=0.05),
+        Solver("dop853", accuracy=1e-9),
+        # Compiles seven kernels that differ in the tableau.
+        pytest.param(Solver("dverk", accuracy=1e-7), marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize(
     ("effects", "actuators"),

@@ -104,7 +104,7 @@ def require_rows_of_runs_alone(campaign: Campaign, runs: int) -> dict[str, Any]:
 def without_wheels(scene: str, campaign: str) -> tuple[str, str]:
     """Return scene and campaign without wheels, by a method that they need then."""
     scene = re.sub(r"  - {type: reaction_wheel.*\n", "", scene).replace(
-        "solver: {accuracy", "solver: {method: dverk, accuracy"
+        "solver: {accuracy", "solver: {method: dop853, accuracy"
     )
     return scene, re.sub(r"  actuators.x.*\n|  speed: .*\n", "", campaign)
 
