@@ -73,7 +73,7 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     assert " ± " in said
 
 
-@pytest.mark.parametrize("factor", [1e-4, 1e-3, 1e3, 1e4])
+@pytest.mark.parametrize("factor", [1e-4, 1e3])
 def test_an_inertia_in_other_units_is_no_torque_that_nobody_commanded(flight: Any, judged: Any, factor: float) -> None:
     left = judged(flight, factor * TRUE, noise=1e-5)
     assert not left.explained

@@ -64,7 +64,7 @@ def test_messages_outside_of_chunks_come_in_the_order_of_the_file(tmp_path: Path
 @pytest.mark.parametrize("compression", [*CompressionType])
 @pytest.mark.parametrize("chunk_size", [1000, 40_000, 3_000_000])
 def test_messages_come_in_the_order_of_the_file(tmp_path: Path, compression: CompressionType, chunk_size: int) -> None:
-    rows = rows_of(10_000)
+    rows = rows_of(3_000)
     path = write_rows(tmp_path / "bag.mcap", rows, compression=compression, chunk_size=chunk_size)
     expected = [(topic, at, data) for topic, _, at, data in rows]
     assert [*map(read, McapFile(path).messages())] == expected
@@ -158,7 +158,7 @@ def test_chunks_of_one_size_may_have_other_messages(tmp_path: Path, changed: str
     writer.begin()
     topics = {topic: writer.add_channel(log_channel(topic, STAMPED, "")) for topic in ("/a", "/b", "/c")}
     expected: list[Read] = []
-    for k in range(50_000):
+    for k in range(30_000):
         here, frames = [*topics], ["f", "f" * 40, "f"]
         if k // 10_000 % 2 and changed == "order of topics":
             here = here[::-1]
