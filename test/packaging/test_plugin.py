@@ -19,7 +19,11 @@ from typing import Any
 import pytest
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
-SHELL = re.findall(r"^\.venv/bin/rb-dynamics (.*)$", PAGE, re.MULTILINE)
+SHELL = [
+    # 200 000 steps, which the first run takes in plain Python.
+    pytest.param(line, marks=[pytest.mark.slow] * ("--step 1e-4" in line))
+    for line in re.findall(r"^\.venv/bin/rb-dynamics (.*)$", PAGE, re.MULTILINE)
+]
 
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
