@@ -272,7 +272,7 @@ def test_a_reader_that_stalls_holds_up_nobody(scene: Path, peer: Peer) -> None:
         peer.until(lambda: bool(momenta), "motion")
         reader.send_signal(signal.SIGSTOP)
         first, count = stamp(momenta[-1]), len(momenta)
-        peer.spin(3.0)
+        peer.spin(1.5)
         expected = round((stamp(momenta[-1]) - first) / 5_000_000)  # the start is stamped 1 ns
         assert expected > 100
         assert len(momenta) - count == expected
@@ -286,7 +286,7 @@ def test_a_stopped_process_goes_on_from_where_it_was(scene: Path, peer: Peer) ->
         diagnostics, momenta = peer.diagnostics(), peer.listen(Vector3Stamped, "angular_momentum")
         peer.until(lambda: len(momenta) > 10, "motion")
         node.process.send_signal(signal.SIGSTOP)
-        peer.spin(5.0)
+        peer.spin(2.0)
         before = momenta[-1]
         node.process.send_signal(signal.SIGCONT)
         told = len(diagnostics)
@@ -295,7 +295,7 @@ def test_a_stopped_process_goes_on_from_where_it_was(scene: Path, peer: Peer) ->
     # The books are continuous; the time that passed meanwhile is given up, and said.
     assert momenta[-1].vector.y == pytest.approx(before.vector.y, rel=1e-12)
     assert int(values(diagnostics[-1])["overruns"]) >= 1
-    assert float(values(diagnostics[-1])["time dropped"].split()[0]) > 4.5
+    assert float(values(diagnostics[-1])["time dropped"].split()[0]) > 1.5
     assert "fell behind" in diagnostics[-1].status[0].message
 
 
