@@ -165,6 +165,8 @@ class Simulation:
         self.continues = False
         self._period_ns = _period_ns(scene.output_rate) if scene.output_rate else None
         self._outputs = 0
+        # Time of the last sample that the sinks have.
+        self._written_ns = 0
         # Time up to which edges are taken one by one.
         self._one_by_one_ns = 0
         # Schedules count from the start of the run that the scene continues.
@@ -607,6 +609,7 @@ class Simulation:
                 self._renew_before(change)
                 output = self.next_output_ns()
             if change is not None and change <= self.time_ns:
+                self._write_step()
                 self._apply_changes()
                 continue
             # Not before the changes of this time: a run that ends here would have reached them without a trace.
@@ -639,7 +642,7 @@ class Simulation:
                 self._outputs += 1
                 output = self.next_output_ns()
                 self._write_sample()
-            elif edge == self.end_ns or (self._period_ns is None and edge == change):
+            elif edge == self.end_ns:
                 self._write_sample()
             self._measure()
 
@@ -676,6 +679,7 @@ class Simulation:
 
     def _write_sample(self) -> None:
         """Pass to the sinks the state, and the wrenches that are changing gradually."""
+        self._written_ns = self.time_ns
         if self._wheels is not None:
             self._look_at_wheels(self._wheels)
         if self._sinks:
@@ -686,6 +690,19 @@ class Simulation:
             if self._bank is not None:
                 for actuator in self._bank.on_their_way(self.time_ns):
                     self.write(actuator)
+
+    def _write_step(self) -> None:
+        """Write the sample before the changes at `time_ns`, if every step is an output and there is none yet.
+
+        Not where the edge is reached: a command may come later at the time of a sample of a sensor. States from which
+        the motion could not continue are left out without a trace.
+        """
+        if self._period_ns is not None or self._written_ns == self.time_ns:
+            return
+        change = self._next_load_change_ns()
+        due = [move for move in self._moves if move.time_ns <= self.time_ns]
+        if (change is not None and change <= self.time_ns) or not all(map(self.hindrance, due)):
+            self._write_sample()
 
     def _nearest_ns(self, output_ns: int, change_ns: int | None) -> int:
         """Return the earliest of an output, a change, the next sample of a sensor, and the end."""
@@ -906,15 +923,20 @@ class Simulation:
             for sink in self._sinks:
                 stack.callback(sink.close, result)
 
-    def _next_change_ns(self) -> int | None:
+    def _next_load_change_ns(self) -> int | None:
         """Return when the load changes next: a command, a timeout or a knot of an effect."""
         change = self._channels.next_change_ns()
         if self._bank is not None and (driven := self._bank.next_change_ns()) is not None:
             change = driven if change is None else min(change, driven)
-        if self._moves and (change is None or self._moves[0].time_ns < change):
-            change = self._moves[0].time_ns
         if self._knots and (change is None or self._knots[0] < change):
             return self._knots[0]
+        return change
+
+    def _next_change_ns(self) -> int | None:
+        """Return when the load changes next, or the body is moved."""
+        change = self._next_load_change_ns()
+        if self._moves and (change is None or self._moves[0].time_ns < change):
+            return self._moves[0].time_ns
         return change
 
     def _apply_changes(self) -> None:

@@ -765,16 +765,18 @@ wrenches:
 actuators:
   - {type: reaction_wheel, name: wheel, axis: [1, 0.2, 0], inertia: 1.0e-3, max_torque: 0.02, speed: 10.0}
   - {type: thruster, name: jet, frame: jet, force: 0.5, minimum_on: 0.005, delay: 0.002, rise: 0.003, fall: 0.004}
+sensors: [{type: imu, name: imu, rate: 250}]
 solver: {method: dop853, step: 0.003}
 duration: 0.5
 """
 
 
+@pytest.mark.parametrize("outputs", ["output_rate: 100", "output_rate: 0"])
 @pytest.mark.parametrize("seed", range(12))
-def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, tmp_path: Path) -> None:
-    """Commands, pulses, moves and steps as they come in a node; on a grid of 1 ms they often meet."""
+def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, outputs: str, tmp_path: Path) -> None:
+    """Commands, pulses, moves, samples and steps as they come in a node; on a grid of 1 ms they often meet."""
     dice, log = random.Random(seed), tmp_path / "run.mcap"
-    run = Simulation(parse_scene(MANY_DEVICES), [McapSink(log)])
+    run = Simulation(parse_scene(MANY_DEVICES + outputs), [McapSink(log)])
     run.start()
     while run.computed_ns < 200_000_000:
         now_ns, kind = run.computed_ns, dice.random()
@@ -793,3 +795,23 @@ def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, tmp_path: 
     run.advance(500_000_000)
     run.finish()
     assert replay(log).identical
+
+
+@pytest.mark.parametrize("sensors", ["", "sensors: [{type: imu, name: imu, rate: 10}]\n"])
+def test_a_state_from_which_the_motion_could_not_continue_has_no_output_of_its_own(
+    sensors: str, tmp_path: Path
+) -> None:
+    """Where every step is an output: the log does not name the state, so a replay does not come by."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {position_world: [9, 0, 0]}\n"
+        "effects: [{type: central_gravity, gravitational_parameter: 1.0}]\n"
+        "solver: {method: rkmk4, step: 0.03}\nduration: 1\noutput_rate: 0\n" + sensors
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    run.start()
+    run.advance(500_000_000)
+    run.set_state(StateChange.to(State(position_world=(0.0, 0.0, 0.0)), scene.body).at(500_000_000))
+    run.advance(1_000_000_000)
+    run.finish()
+    assert len(run.refused) == 1
+    assert replay(tmp_path / "run.mcap").identical
