@@ -728,10 +728,17 @@ class McapFile:
             self._tell(topic, channel)
         elif opcode == Opcode.ATTACHMENT:
             fields.take("QQ")
-            name, _ = fields.text(), fields.text()
-            self.attachments[name] = content = fields.block("Q")
+            name, _, attached, checksum = fields.text(), fields.text(), fields.block("Q"), fields.rest()
+            said = int.from_bytes(checksum[:4], "little")
+            if said and zlib.crc32(content[: len(content) - len(checksum)]) != said:
+                damage = self._damage(f"has an attachment {name} whose checksum does not fit its content")
+                if not self.salvage:
+                    raise damage
+                self.damage.append(f"{damage}; it is left out")
+                return
+            self.attachments[name] = attached
             self._counts["attachments"] += 1
-            self._tell(name, content)
+            self._tell(name, attached)
         elif opcode == Opcode.METADATA:
             name = fields.text()
             self.metadata[name] = facts = fields.mapping()

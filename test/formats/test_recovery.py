@@ -241,6 +241,23 @@ def test_a_flip_in_the_summary_is_named_and_what_the_data_say_is_copied(tmp_path
     assert found.channels == whole.channels
 
 
+def test_a_flip_in_the_scene_is_no_other_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The motion of another mass would look as good; and its copy would have a checksum that fits."""
+    log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    data = bytearray(log.read_bytes())
+    data[data.index(b"mass: 2") + 6] ^= 1
+    log.write_bytes(data)
+    for command in (["simulate"], ["replay"], ["inspect"], ["body"]):
+        assert main([*command, str(log)]) == 2
+        assert "has an attachment scene.yaml whose checksum does not fit its content; save" in capsys.readouterr().err
+    (found,) = recover(log, saved)
+    assert (found.state, found.missing, found.unplaced) == ("damaged", [], False)
+    assert found.damage[0].endswith("scene.yaml whose checksum does not fit its content; it is left out")
+    assert read_bag(saved).attachments == {}
+    assert main(["simulate", str(saved)]) == 2
+
+
 def test_a_flip_that_only_the_checksum_of_the_data_covers_is_named(tmp_path: Path) -> None:
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
     log = write_rows(tmp_path / "a.mcap", rows, enable_data_crcs=True)
