@@ -39,8 +39,8 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path, topic: str, type_name:
 
 def test_a_scene_that_is_no_text_is_damage(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    simulate(parse_scene(SCENE), [], [McapSink(log)])
-    log.write_bytes(log.read_bytes().replace(b"mass: ", b"mass\xff ", 1))
+    simulate(parse_scene(SCENE), [], [McapSink(tmp_path / "whole.mcap")])
+    edited(tmp_path / "whole.mcap", log, scene=b"mass\xff 2")
     for read in (replay, lambda path: to_table([path], tmp_path / "run.csv")):
         with pytest.raises(LogError, match=r"run.mcap is damaged: scene.yaml in it is no UTF-8 text \(byte \d+\)"):
             read(log)
