@@ -6,6 +6,7 @@ assumed to be known to about its own size; it counts as determined if the record
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -727,6 +728,20 @@ class _Report:
     def _has(self, block: str) -> bool:
         return block in self.model.layout
 
+    @functools.cached_property
+    def _kept(self) -> Array:
+        """The parameters, but zero, which is the value of the scene, where a number is not determined.
+
+        A fit may stop anywhere there. Not of initial states, which have none in the scene, and not of the shape of the
+        inertia, which is known as a whole or not at all.
+        """
+        kept, one = self.z.copy(), np.eye(len(self.z))
+        for name, block in self.model.layout.blocks.items():
+            if name != "shape" and not name.startswith("initial["):
+                for k in range(block.at.start, block.at.stop):
+                    kept[k] *= np.isfinite(self._error(one[k]))
+        return kept
+
     def _error(self, by: Array) -> float:
         """Return the standard error of a number that changes by `by` with the parameters; infinite if unknown."""
         by = by @ self.local
@@ -773,7 +788,7 @@ class _Report:
 
     def _parameters(self) -> list[Parameter]:
         found: list[Parameter] = []
-        body, layout = self.model.body(self.z), self.model.layout
+        body, layout = self.model.body(self._kept), self.model.layout
         if self._has("mass"):
             by = np.zeros(layout.count)
             by[layout["mass"].at] = body.mass
@@ -782,9 +797,10 @@ class _Report:
             found += self._values("center_of_mass", "center_of_mass")
         if self._has("shape"):
             by = self._inertia_by()
-            kept = body.inertia if self._shape_told else np.array(self.model.scene.body.inertia)
-            trace = float(np.trace(kept))
-            ratios = kept / trace
+            given = np.array(self.model.scene.body.inertia)
+            kept, fitted = (body.inertia, self.model.body(self.z).inertia) if self._shape_told else (given, given)
+            trace = float(np.trace(fitted))
+            ratios = fitted / trace
             ratios_by = (by - ratios[:, :, None] * np.trace(by)) / trace
             for group, values, changes in (
                 ("inertia", kept, by),
@@ -811,7 +827,7 @@ class _Report:
     def _values(self, name: str, group: str) -> list[Parameter]:
         """Return the numbers of a block that stands for itself."""
         block = self.model.layout[name]
-        values = block.values(self.z)
+        values = block.values(self._kept)
         shown_name = self._shown(name)
         found = []
         for k, value in enumerate(values.tolist()):
@@ -896,17 +912,11 @@ class _Report:
         )
 
     def _body(self) -> RigidBody:
-        found, given = self.model.body(self.z), self.model.scene.body
+        found, inertia = self.model.body(self._kept), self.model.scene.body.inertia
         # What is not determined stays as it was given, to the bit.
-        mass = found.mass if self._has("mass") and self._told("mass") else given.mass
-        center = found.center_of_mass.tolist() if self._has("center_of_mass") else list(given.center_of_mass)
-        if not self._has("shape") or not self._shape_told:
-            return RigidBody.from_matrix(mass, given.inertia, center)
-        inertia = found.inertia
-        if not self._told("size"):
-            inertia = inertia * (np.trace(np.array(given.inertia)) / np.trace(inertia))
-        inertia = 0.5 * (inertia + inertia.T)
-        return RigidBody.from_matrix(mass, inertia.tolist(), center)
+        if self._has("shape") and self._shape_told:
+            inertia = (0.5 * (found.inertia + found.inertia.T)).tolist()
+        return RigidBody.from_matrix(found.mass, inertia, found.center_of_mass.tolist())
 
     @property
     def _shape_told(self) -> bool:
@@ -934,7 +944,7 @@ class _Report:
                 "body.center_of_mass": list(body.center_of_mass),
                 "body.inertia": {"matrix": [list(row) for row in body.inertia]},
             }
-        for name, values in self.model.effects(self.z).items():
+        for name, values in self.model.effects(self._kept).items():
             # Drag takes energy out: a negative one comes from noise and is set to zero.
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()

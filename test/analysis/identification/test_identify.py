@@ -142,6 +142,19 @@ def test_without_a_force_there_is_no_mass(gravity: str) -> None:
     assert all(known(found, "center_of_mass"))
 
 
+def test_of_a_spin_about_one_axis_the_centre_on_it_stays_that_of_the_scene() -> None:
+    """The fit stops anywhere along the axis: that was said to be kept, and written into the scene."""
+    body = RigidBody.from_diagonal(3.0, (0.02, 0.03, 0.045), (0.03, -0.02, 0.1))
+    flight = flown(body, np.random.default_rng(0), seconds=10.0, spin=(0.0, 0.0, 2.0), gyro=1e-3, pose=1e-3)
+    scene = parse_scene(guess(body).text, "given", {"body.center_of_mass": [0.0, 0.0, 0.3]})
+    found = identify(scene, [flight], ["center_of_mass"])
+
+    assert known(found, "center_of_mass") == [True, True, False]
+    within(found, "center_of_mass", body.center_of_mass)
+    assert [each.value for each in found.parameters if each.name == "center_of_mass.z"] == [0.3]
+    assert found.body.center_of_mass[2] == found.scene.body.center_of_mass[2] == 0.3
+
+
 def test_what_is_found_is_a_scene_that_flies_the_same() -> None:
     random = np.random.default_rng(8)
     body = random_body(random)
