@@ -105,24 +105,26 @@ def read_csv_flight(
             values = unit_rows(values)
         world, gyro = quantity == "velocity_world", quantity == "gyro"
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
-    channels = [*_wrench(found, measured, times - zero, scene, path)]
+    channels = [*_wrench(found, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
     notes += [] if channels else [NO_WRENCH]
     return Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero)
 
 
-def _wrench(
-    found: Mapping[str, Array], measured: Mapping[str, Mask], times: Times, scene: Scene, path: str
-) -> Iterator[WrenchSeries]:
-    parts = [name for name in ("force", "torque") if name in found]
-    if parts:
-        given = np.logical_and.reduce([measured[name] for name in parts])
-        nothing = np.zeros((int(given.sum()), 3))
-        held = [found[name][given] if name in found else nothing for name in ("force", "torque")]
+def _wrench(found: Mapping[str, Array], times: Times, scene: Scene, path: str) -> Iterator[WrenchSeries]:
+    empty = np.full((len(times), 3), np.nan)
+    cells = np.hstack([found.get(name, empty) for name in ("force", "torque")])
+    given = np.isfinite(cells).any(axis=1)
+    if given.any():
+        cells = cells[given]
+        # Force and torque may have rows of their own: each number is held until the next in its column.
+        last = np.maximum.accumulate(np.where(np.isfinite(cells), np.arange(len(cells))[:, None], -1), axis=0)
+        held = np.where(last < 0, 0.0, np.take_along_axis(cells, np.maximum(last, 0), axis=0))
+        nothing = np.zeros((len(cells), 9))
         channel = channels_of(["wrench"], scene).get("wrench")
         if doubt := which_channel({"wrench": channel}, scene):
             raise LogError(f"{path}: {doubt}; call the channel of its force and torque wrench in the scene")
-        acting = commanded("wrench", times[given], np.hstack([*held, nothing, nothing, nothing]), channel or Channel())
+        acting = commanded("wrench", times[given], np.hstack([held, nothing]), channel or Channel())
         # Only a change is a command.
         changes = np.append(True, (np.diff(acting.held, axis=0) != 0.0).any(axis=1))[: len(acting.held)]
         yield WrenchSeries(acting.topic, acting.time_ns[changes], acting.held[changes])

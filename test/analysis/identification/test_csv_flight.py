@@ -59,6 +59,23 @@ def test_sensors_have_rates_of_their_own_and_only_changes_are_commands(tmp_path:
     assert channel.held[:, 3].tolist() == [0.0, 1.0, 2.0]
 
 
+def test_force_and_torque_in_rows_of_their_own_are_held_until_their_next(tmp_path: Path) -> None:
+    """Only rows with both counted: the others were left out without a word, and none with both was a traceback."""
+    header = ",".join(["time_ns", *(f"{part}_{axis}" for part in ("gyro", "force", "torque") for axis in "xyz")])
+    rows = ["0,0,0,1,,,,,,", "1,0,0,1,1,2,3,,,", "2,0,0,1,,,,4,5,6", "3,0,0,1,,,,,,", "4,0,0,1,7,,,,,"]
+    (channel,) = read_csv_flight(write(tmp_path / "apart.csv", header, rows), guess(BODY)).channels
+
+    assert channel.time_ns.tolist() == [1, 2, 4]
+    assert channel.held[:, :6].tolist() == [[1, 2, 3, 0, 0, 0], [1, 2, 3, 4, 5, 6], [7, 2, 3, 4, 5, 6]]
+
+
+def test_columns_of_wrenches_without_a_number_are_no_wrench(tmp_path: Path) -> None:
+    header = ",".join(["time_ns", *(f"{part}_{axis}" for part in ("gyro", "force") for axis in "xyz")])
+    assert not read_csv_flight(
+        write(tmp_path / "none.csv", header, [f"{k},0,0,1,,," for k in range(5)]), guess(BODY)
+    ).channels
+
+
 def test_columns_that_convert_writes_need_no_names(tmp_path: Path) -> None:
     header = "time_ns," + ",".join(
         f"{part}_{axis}" for part in ("position_world", "angular_velocity_body") for axis in "xyz"
