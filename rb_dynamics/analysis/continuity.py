@@ -25,6 +25,8 @@ _TIMES, _SPREADS = 3.0, 10.0
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
 # If two samples of one body alternate with one of another, the pose returns at every third sample to within this.
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
+# Noise takes rounded numbers back and forth between values that are so many steps of the rounding apart.
+_STEPS = 5.0
 # Two topics of one frame show two bodies if they are this far apart in the median: rad, m, fraction of the extent.
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
 # They move alike if the distances between pairs of so many instants agree, to this fraction of the usual distance.
@@ -229,10 +231,13 @@ def _apart(one: Array, other: Array, *, turns: bool) -> Array:
 def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Returns | None:
     """Return how often, and from how far, a pose returns to one of its last places.
 
-    None if this is rare, or if the twist explains it. Noise about one place makes at most 25 % of the samples return as
-    closely.
+    None if this is rare, or if the twist or rounding explains it. Noise about one place makes at most 25 % of the
+    samples return as closely, but most of those that are rounded to steps as large as the noise.
     """
     sizes, start = [np.empty(0)], pose.time_ns[0]
+    # A turn is twice the change of the quaternion.
+    rounded = 2.0 * _step(pose, slice(3, 7)) if turns else _step(pose, slice(0, 3))
+    smallest = max(_STEPS * rounded, _LEAST_TURN if turns else 0.0)
     if known := twist is not None and len(twist.time_ns) > 0:
         part = slice(3, 6) if turns else slice(0, 3)
         rates = np.nan_to_num(sizes_of(twist.values[:, part]))
@@ -242,7 +247,7 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
         here = rows[_LAST:]
         moved = _apart(here, rows[_LAST - 1 : -1], turns=turns)
         back = np.min([_apart(here, rows[_LAST - k : -k], turns=turns) for k in range(2, _LAST + 1)], axis=0)
-        least = np.full(len(moved), _LEAST_TURN if turns else 0.0)
+        least = np.full(len(moved), smallest)
         if known:
             told = np.interp(time_ns[_LAST:] - start, at, rates)
             least = np.maximum(least, _TIMES * told * np.diff(time_ns)[_LAST - 1 :] * 1e-9)
@@ -250,6 +255,23 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     returned = np.concatenate(sizes)
     share = len(returned) / max(len(pose.time_ns) - _LAST, 1)
     return Returns(turns, share, float(np.median(returned))) if share > _RETURNS else None
+
+
+def _step(pose: TimeSeries, columns: slice) -> float:
+    """Return the smallest change of a number to one of the next two samples: of rounded numbers, the step.
+
+    The second next, as bodies may alternate.
+    """
+    rounding = (
+        100.0
+        * np.finfo(float).eps
+        * max((float(np.abs(rows[:, columns]).max(initial=0.0)) for rows in in_blocks(pose.values)), default=0.0)
+    )
+    found = math.inf
+    for rows in in_blocks(pose.values[:, columns], 2):
+        for changed in (np.abs(np.diff(rows, axis=0)), np.abs(rows[2:] - rows[:-2])):
+            found = min(found, float(changed.min(initial=math.inf, where=changed > rounding)))
+    return found if math.isfinite(found) else 0.0
 
 
 def _others(track: Track, extent: float) -> tuple[Other, ...]:

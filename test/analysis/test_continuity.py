@@ -126,6 +126,18 @@ def test_what_sensors_and_robots_do_is_no_jump(seed: int) -> None:
     assert (found.jumps, found.returns) == ((), None)
 
 
+@pytest.mark.parametrize("noise", [1e-4, 3e-4, 6e-4])
+@pytest.mark.parametrize("with_twist", [True, False])
+def test_a_body_whose_position_is_rounded_to_millimetres_is_one(noise: float, with_twist: bool) -> None:
+    """Noise takes it away and back by one millimetre: it was called two bodies, and nothing was judged."""
+    motion = spin(speed=0.0, noise=1e-3)
+    place = [1.0005, 2.0003, 0.4995] + noise * np.random.default_rng(7).standard_normal((1000, 3))
+    motion.position[:] = np.round(place, 3)
+    found = continuity(read_track(bag_of(motion, with_twist=with_twist)))
+    assert found is not None
+    assert (found.jumps, found.returns) == ((), None)
+
+
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("with_twist", [True, False])
 def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> None:
