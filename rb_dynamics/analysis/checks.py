@@ -236,11 +236,7 @@ def _continuous(track: Track, found: Continuity, leaps: Leaps | None) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name = f"{topic} has no jumps"
     if found.returns is not None:
-        went, what = found.returns, "two bodies on one topic, or markers that are mistaken for one another"
-        size = f"{np.rad2deg(went.size):.4g}°" if went.turns else f"{went.size:.4g} m"
-        often = f"in {100.0 * went.share:.3g} % of the samples, by {size} in the median"
-        pose = "attitude" if went.turns else "position"
-        return Check(name, False, f"the {pose} jumps away and back {often}: {what}")
+        return Check(name, False, str(found.returns))
     if leaps:
         return Check(name, False, f"{leaps}: these are no attitudes of one body")
     if found.jumps:

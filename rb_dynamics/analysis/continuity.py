@@ -63,6 +63,14 @@ class Returns:
     share: float
     size: float
 
+    def __str__(self) -> str:
+        """Return how often, how far and why, as text."""
+        size = f"{np.rad2deg(self.size):.4g}°" if self.turns else f"{self.size:.4g} m"
+        return (
+            f"the {'attitude' if self.turns else 'position'} jumps away and back in {100.0 * self.share:.3g} % of the "
+            f"samples, by {size} in the median: two bodies on one topic, or markers that are mistaken for one another"
+        )
+
 
 @dataclass(frozen=True)
 class Other:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
+from rb_dynamics.analysis.continuity import continuity, contradictions
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
@@ -444,7 +445,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     zero = 0 if track.own else track.span_ns[0]
     notes = [note for note in track.notes if "inspected" not in note]
     notes += [*losses(track), *remarks(track)]
+    notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
+    _require_one_body(track, {each.kind for each in streams})
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
     motion = next((each.topic for each in track.motion), "")
@@ -462,6 +465,22 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         zero,
     )
     return found if own else found.between_commands()
+
+
+def _require_one_body(track: Track, kinds: Set[str]) -> None:
+    """Refuse a pose that shows two bodies by turns, for which a fit is searched for minutes, in what is measured.
+
+    Raises:
+        LogError: it does.
+    """
+    steady = continuity(track)
+    if steady is None or steady.returns is None or track.pose is None:
+        return
+    if (ATTITUDE if steady.returns.turns else POSITION) in kinds:
+        raise LogError(
+            f"{track.bag.path}: {track.pose.topic}: {steady.returns}; expected the pose of one body; record each on a "
+            "topic of its own, or choose another with --pose-topic"
+        )
 
 
 def _require_one_clock(track: Track) -> None:

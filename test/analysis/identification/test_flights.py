@@ -499,6 +499,22 @@ def test_a_clock_that_was_set_back_or_of_one_sensor_alone_is_refused(by: tuple[f
         flight_of(leapt(*by), guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04))))
 
 
+def test_two_bodies_on_one_topic_are_refused_before_the_fit() -> None:
+    """Without a twist, the fit searched for minutes."""
+    motion = spin(noise=1e-3)
+    motion.orientation_xyzw[::2] = motion.turned(1.5)[::2]
+    with pytest.raises(LogError, match=r"/b/pose: the attitude jumps away and back .*: two bodies on one topic"):
+        flight_of(bag_of(motion, with_twist=False), guess(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))))
+
+
+def test_samples_of_one_stamp_that_contradict_each_other_are_named() -> None:
+    motion = spin(noise=1e-3)
+    motion.time_ns[500] = motion.time_ns[499]
+    motion.position[500] += (0.5, 0.0, 0.0)
+    found = flight_of(bag_of(motion, with_twist=True), guess(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))))
+    assert any("/b/pose: position jumps within 0 s, by up to 0.5" in note for note in found.notes)
+
+
 def test_a_position_far_away_is_left_out_and_named() -> None:
     """It left more than all noise, and nothing was known."""
     body = random_body(np.random.default_rng(3), center=0.05)
