@@ -408,20 +408,27 @@ class _TrackReader:
         return mount.body if mount.source != "the scene" else self._body_frame()
 
     def _note_unknown_mount(self, frame: str) -> None:
-        """Note that a frame is taken for the body's although a scene names another, and /tf_static knows of more."""
+        """Note that a frame is taken for the body's although the scene names another."""
         body = self._body_frame()
         held = [
             parent
             for (parent, child), topic in pairs(self.bag).items()
             if child == frame.lstrip("/") and is_fixed(topic)
         ]
-        if not held or frame.lstrip("/") == body.lstrip("/") or not body:
+        if not frame or frame.lstrip("/") == body.lstrip("/") or not body:
             return
-        note = (
-            f"{frame} is taken for the frame of the body: /tf_static says that it is fixed to {held[0]}, but not how "
-            f"to {body!r}, as the scene calls that of the body; name it there, as body.frame."
-        )
-        self._note_once(note)
+        taken = f"{frame} is taken for the frame of the body"
+        if held:
+            self._note_once(
+                f"{taken}: /tf_static says that it is fixed to {held[0]}, but not how to {body!r}, as the scene calls "
+                "that of the body; name it there, as body.frame."
+            )
+        # A scene that does not name the frame, or without its namespace, leaves that to the recording.
+        elif body != WrenchFrames().body_frame and frame.rpartition("/")[2] != body.rpartition("/")[2]:
+            self._note_once(
+                f"{taken}, which the scene calls {body!r}: nothing says how the two are fixed to each other; declare "
+                "it under body.frames, or name it there, as body.frame."
+            )
 
     def _note_once(self, note: str) -> None:
         """Add a note, unless it is there or empty."""

@@ -376,6 +376,17 @@ def test_a_frame_that_is_fixed_to_another_than_the_scenes_is_told(tmp_path: Path
     assert any("camera is taken for the frame of the body" in note and "fixed to hull" in note for note in notes)
 
 
+def test_a_frame_of_another_name_than_the_scene_gives_the_bodys_is_told(tmp_path: Path) -> None:
+    """A marker was taken for the body without a word, and its numbers for those of the body."""
+    bag = write_bag(tmp_path / "bag", seen_at("odom"))
+    notes = []
+    for name in ("base", "ship/camera", "body"):
+        (tmp_path / "scene.yaml").write_text(SCENE.replace("frame: base", f"frame: {name}"))
+        notes.append("".join(note for note in inspect(bag, tmp_path / "scene.yaml").track.notes if "taken for" in note))
+    assert "camera is taken for the frame of the body, which the scene calls 'base'" in notes[0]
+    assert notes[1:] == ["", ""]
+
+
 def test_samples_that_are_recorded_twice_are_counted() -> None:
     with tempfile.TemporaryDirectory() as folder:
         rows = sorted([*seen_at("odom"), *seen_at("odom")], key=lambda row: row[2])
