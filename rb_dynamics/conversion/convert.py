@@ -489,6 +489,7 @@ def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
                 raise LogError(
                     f"{table}: there are several columns {', '.join(twice or _TIMES)}, expected one; remove the others"
                 )
+            run = None
             for row in reader:
                 where = f"{table}, line {reader.line_num}"
                 # A decimal comma adds a cell, and shifts all that follow.
@@ -496,6 +497,12 @@ def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
                     raise LogError(
                         f"{where}: found {'more' if None in row else 'fewer'} cells than the {len(found)} columns, "
                         "expected as many; write numbers with a decimal point, and cells with a comma in quotes"
+                    )
+                run = row.get("run") if run is None else run
+                if row.get("run") != run:
+                    raise LogError(
+                        f"{where}, run: found {row['run']}, expected one run, {run}, as each begins at time 0; make a "
+                        "table of the commands of each"
                     )
                 time_ns = _time_ns(row, where)
                 values = [_number(row[name], f"{where}, {name}") for name in numbers]

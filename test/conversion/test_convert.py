@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import shutil
 from collections import Counter
 from pathlib import Path
 
@@ -141,6 +142,15 @@ def test_wrenches_go_to_csv_and_back_to_the_same_run(tmp_path: Path, log: Path) 
     bag = read_bag(tmp_path / "back.mcap")
     assert bag.complete
     assert "reliable" in bag.topics["/push"].qos
+
+
+def test_commands_of_several_runs_are_not_those_of_one(tmp_path: Path, log: Path) -> None:
+    """Both begin at time 0: each was taken to supersede the other."""
+    other = tmp_path / "other.mcap"
+    shutil.copyfile(log, other)
+    table = to_table([log, other], tmp_path / "both.csv")[1].path
+    with pytest.raises(LogError, match=r"line \d+, run: found .*other.mcap, expected one run, "):
+        table_to_bag(table, tmp_path / "both.mcap")
 
 
 def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ _TIMES = {"time_s": 10**9, "time_ms": 10**6, "time_us": 10**3, "time_ns": 1}
 # ns; differences of times fit in 64 bits.
 _END_OF_TIME = 2**62
 _XYZ = ("x", "y", "z")
+# Columns by which `convert` says of which run, bag and topic a row is.
+_ORIGINS = ("run", "source", "topic")
 
 Mask = NDArray[np.bool_]
 
@@ -149,11 +151,12 @@ def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str
             separator = max(",;\t", key=header.count)
             names = [name.strip() for name in next(csv.reader([header], delimiter=separator), [])]
             wanted = _places(path, names, columns)
-            rows = [
-                _numbers(path, number, cells, names, wanted)
-                for number, cells in enumerate(csv.reader(file, delimiter=separator), start=2)
-                if cells
-            ]
+            marks = [names.index(name) for name in _ORIGINS if name in names]
+            rows, origins = [], []
+            for number, cells in enumerate(csv.reader(file, delimiter=separator), start=2):
+                if cells:
+                    rows.append(_numbers(path, number, cells, names, wanted))
+                    origins.append(tuple(cells[k] for k in marks))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise LogError(f"cannot read {path}: {reason}; check the path, and give a CSV file in UTF-8") from error
@@ -172,6 +175,13 @@ def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str
         if quantity not in _TIMES:
             found[quantity] = table[:, at : at + len(places)]
             at += len(places)
+            of = {each for each, seen in zip(origins, np.isfinite(found[quantity]).any(axis=1), strict=True) if seen}
+            if len(of) > 1:
+                one, other, *_ = (" ".join(filter(None, each)) for each in sorted(of))
+                raise LogError(
+                    f"{path}: found {quantity} of {one} and of {other}, expected one run and one topic, as of one "
+                    "sensor; convert them to tables of their own"
+                )
     return times, found
 
 

@@ -76,6 +76,16 @@ def test_columns_of_wrenches_without_a_number_are_no_wrench(tmp_path: Path) -> N
     ).channels
 
 
+@pytest.mark.parametrize(("of", "words"), [("run", "gyro of a and of b"), ("topic", "gyro of a and of b")])
+def test_a_sensor_of_several_runs_or_topics_is_refused(tmp_path: Path, of: str, words: str) -> None:
+    """Their rows were taken for samples of one sensor; sensors of different topics are measured in their own rows."""
+    header = f"{of},time_ns,gyro_x,gyro_y,gyro_z,position_world_x,position_world_y,position_world_z"
+    apart = [f"{'ac'[k % 2]},{k}," + ("0,0,1,,,", ",,,0,0,1")[k % 2] for k in range(10)]
+    assert len(read_csv_flight(write(tmp_path / "two.csv", header, apart), guess(BODY)).streams) == 2
+    with pytest.raises(LogError, match=words):
+        read_csv_flight(write(tmp_path / "one.csv", header, [*apart, "b,10,0,0,1,,,"]), guess(BODY))
+
+
 def test_columns_that_convert_writes_need_no_names(tmp_path: Path) -> None:
     header = "time_ns," + ",".join(
         f"{part}_{axis}" for part in ("position_world", "angular_velocity_body") for axis in "xyz"
