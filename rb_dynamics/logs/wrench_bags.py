@@ -136,7 +136,10 @@ class _Recording:
         zeros: which commands on each topic have a stamp of 0.
         fills: topics of which commands without a stamp go by their log times, put on the clock of the others, and the
             log time after which a stamp of 0 is none.
-        still: commands that have the stamp of the one before on their channel, and so never act.
+        still: commands that have the stamp of an earlier one on their channel: of these only the last acts. At first
+            only those that have the stamp of the one before.
+        ascends: whether each stamp on a topic is after all before it.
+        reached: the latest stamp on each topic.
         back_ns: how far stamps of one topic go back, from one command to the next.
         newest: the last stamp on each of its channels.
         earliest: the two earliest times by stamps on each of its channels.
@@ -179,6 +182,8 @@ class _Recording:
     zeros: dict[str, UnsetStamps] = field(default_factory=dict)
     fills: Mapping[str, Unset] = field(default_factory=dict)
     still: int = 0
+    ascends: bool = True
+    reached: dict[str, int] = field(default_factory=dict)
     back_ns: int = 0
     newest: dict[int, int] = field(default_factory=dict)
     earliest: dict[int, list[int]] = field(default_factory=dict)
@@ -313,6 +318,9 @@ class _Recording:
         self.still += int((changes == 0).sum())
         self.back_ns = max(self.back_ns, int(-changes.min()))
         self.newest[channel] = int(stamps_ns[-1])
+        reached_ns = self.reached.get(of.topic, int(stamps_ns[0]) - 1)
+        self.ascends = self.ascends and int(stamps_ns.min()) > reached_ns and int(changes.min()) > 0
+        self.reached[of.topic] = max(reached_ns, int(stamps_ns.max()))
         self.earliest[channel] = sorted([*self.earliest.get(channel, []), *np.sort(stamps_ns)[:2].tolist()])[:2]
 
     @property
@@ -413,19 +421,7 @@ class RecordedWrenches:
         self._bags = [
             self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
         ]
-        for bag in self._bags:
-            if bag.back_ns > BACK_NS and not bag.by_log:
-                self._require_one_run(bag)
-                self.notes.append(
-                    f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was "
-                    "recorded; they act in the order of their stamps"
-                )
-        self.notes += (
-            f"{bag.path}: {bag.still} of its {bag.count} commands have the stamp of the one before on their channel: "
-            "of commands of one stamp only the last acts"
-            for bag in self._bags
-            if bag.still and not (bag.by_log or bag.unstamped)
-        )
+        self.notes += self._out_of_order()
         self.notes += filter(None, map(_clock_note, self._bags))
         self.notes += (
             f"{bag.path}: {told}; each acts at its log time"
@@ -643,6 +639,38 @@ class RecordedWrenches:
         bag.origin = list(origin_of(source.metadata).items())
         bag.driven = driven_of(source.metadata)
         return bag
+
+    def _out_of_order(self) -> list[str]:
+        """Count the commands that repeat a stamp; returns what a person should know of stamps that do not ascend.
+
+        Raises:
+            LogError: a bag has commands of several runs.
+        """
+        bags = [bag for bag in self._bags if not (bag.ascends or bag.by_log)]
+        back = [bag for bag in bags if bag.back_ns > BACK_NS]
+        for bag in back:
+            self._require_one_run(bag)
+        for bag in bags:
+            bag.still = self._repeated(bag)
+        return [
+            f"{bag.path}: the stamps of its commands go back by {_seconds(bag.back_ns)} s while it was recorded; they "
+            "act in the order of their stamps"
+            for bag in back
+        ] + [
+            f"{bag.path}: {bag.still} of its {bag.count} commands have the stamp of an earlier one on their channel: "
+            "of commands of one stamp only the last acts"
+            for bag in bags
+            if bag.still and not bag.unstamped
+        ]
+
+    def _repeated(self, bag: _Recording) -> int:
+        """Return how many commands have the stamp of an earlier one on their channel."""
+        source, stamps = open_source(bag.path), dict[str, list[Times]]()
+        for block in source.blocks():
+            kind, topic = named_type(block.channel), self._wanted.get(block.channel.topic.removeprefix("/"))
+            if kind in WRENCHES and topic is not None:
+                stamps.setdefault(topic, []).append(_batch(source, bag, block, kind, 0).stamps)
+        return sum(len(each) - len(np.unique(each)) for each in map(np.concatenate, stamps.values()))
 
     def _require_one_run(self, bag: _Recording) -> None:
         """Refuse commands of several runs.

@@ -541,8 +541,27 @@ def test_commands_of_one_stamp_are_counted(tmp_path: Path) -> None:
     rows += [("/wrench", STAMPED, WALL_NS + k * SECOND // 4, stamped(WALL_NS, 1.0)) for k in range(1, 79)]
     bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
     told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto").notes
-    assert "77 of its 78 commands have the stamp of the one before" in told[-1]
+    assert "77 of its 78 commands have the stamp of an earlier one" in told[-1]
     assert not any("stalls" in note for note in told)
+
+
+def test_late_copies_of_a_latched_command_are_all_counted(tmp_path: Path) -> None:
+    """The first copy behind another command was not, nor one at the start of the next file."""
+
+    def rows(*stamps: int) -> list[Row]:
+        return [("/wrench", STAMPED, 40 + k, stamped(at, 1.0)) for k, at in enumerate(stamps)]
+
+    def told(path: Path) -> list[str]:
+        notes = RecordedWrenches([path], ["wrench"], SECOND).notes
+        return [note.removeprefix(f"{path}: ") for note in notes]
+
+    again = "commands have the stamp of an earlier one on their channel: of commands of one stamp only the last acts"
+    assert told(write_rows(tmp_path / "a.mcap", rows(10, 20, 30, 10, 10))) == [f"2 of its 5 {again}"]
+    (tmp_path / "split").mkdir()
+    write_rows(tmp_path / "split" / "split_0.mcap", rows(10, 20))
+    write_rows(tmp_path / "split" / "split_1.mcap", rows(0, 0, 20, 30)[2:])
+    assert told(tmp_path / "split") == [f"1 of its 4 {again}"]
+    assert told(write_rows(tmp_path / "late.mcap", rows(20, 10, 30))) == []
 
 
 @pytest.mark.parametrize("kind", [SCALAR, WRENCH])
