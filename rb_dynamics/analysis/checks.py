@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement, Leaps
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
+from rb_dynamics.formats.bag_source import by_number
 from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.own_log import logged_scene
@@ -227,7 +229,10 @@ def one_recording(track: Track) -> Check:
         elif boundary.end_ns - boundary.begin_ns > _FOLLOWS * 1e9:
             apart.append(f"{boundary.after} begins {-seconds:.6g} s before {boundary.before} ends")
     if not apart:
-        return Check("files are one recording", True, f"{len(boundaries) + 1} files that follow one another")
+        names = [Path(boundaries[0].before), *(Path(boundary.after) for boundary in boundaries)]
+        sorted_by = "" if names == sorted(names, key=by_number) else ", in the order of their times, not of their names"
+        detail = f"{len(boundaries) + 1} files that follow one another{sorted_by}"
+        return Check("files are one recording", True, detail)
     named = listed(apart[:NAMED], len(apart))
     return Check("files are one recording", False, f"{len(apart) + 1} recordings in one folder: {named}; inspect each")
 

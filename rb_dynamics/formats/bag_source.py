@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import re
 import shutil
 import tempfile
@@ -80,11 +81,12 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
         raise LogError(f"{path} only says which files a bag has, expected the bag; give the folder: {path.parent}")
     if not path.is_dir():
         return _opened(path, on_fact=on_fact)
-    mode, files = _files(path)
+    mode, files, begins_ns = _files(path)
     there = sorted(each.name for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
     if any(file.exists() for file in files):
         _require_named(path, files, there)
-        return SplitBag(path, [file for file in files if file.exists()], mode, on_fact, absent_before(files))
+        found = in_time([file for file in files if file.exists()], begins_ns, mode)
+        return SplitBag(path, found, mode, on_fact, absent_before(files))
     if files and not there:
         raise LogError(
             f"{path} has none of the files that its {METADATA_FILE} names: {files[0]} is missing; check the path"
@@ -110,6 +112,30 @@ def absent_before(files: Sequence[Path]) -> dict[Path | None, list[str]]:
         elif lacking:
             absent[file], lacking = lacking, []
     return absent
+
+
+def in_time(files: Sequence[Path], begins_ns: Mapping[Path, int], compression: str) -> list[Path]:
+    """Return the files of a bag in the order of their first log times, equal ones and those without in their own.
+
+    These are as the metadata say, `begins_ns`, or as the files do; not where it would take to unpack a whole file.
+    """
+    if len(files) < 2:
+        return list(files)
+    begin_ns, found = -math.inf, list[tuple[float, Path]]()
+    for file in files:
+        known = begins_ns.get(file)
+        if known is None and compression != "file":
+            known = _first_log_time(file)
+        begin_ns = begin_ns if known is None else known
+        found.append((begin_ns, file))
+    return [file for _, file in sorted(found, key=lambda each: each[0])]
+
+
+def _first_log_time(path: Path) -> int | None:
+    """Return that of a file; None without a message, or where it cannot be read, which whoever reads it learns."""
+    with contextlib.suppress(LogError):
+        return next((message.log_time for message in _opened(path, part=True).messages()), None)
+    return None
 
 
 def _require_named(path: Path, files: Sequence[Path], there: Sequence[str]) -> None:
@@ -142,7 +168,7 @@ class SplitBag:
 
     Attributes:
         path: the folder.
-        files: in their order.
+        files: in the order of their times.
         absent: names of files that the metadata name and that are not there, each by the file that follows; by None
             those after the last.
         compression: "none", "file" (each as a whole) or "message" (each message).
@@ -250,10 +276,10 @@ def absent_between(before: Path, after: Path, following: str, files: Sequence[Pa
         return []
     name, suffix = one[1], one[3]
     skipped = range(int(one[2]) + 1, int(other[2]))
-    begins = any(file.name.startswith(f"{name}0{suffix}") for file in files)
-    if (other[1], other[3]) != (name, suffix) or not begins or len(skipped) > _MOST_SKIPPED:
+    there = {file.name for file in files}
+    if (other[1], other[3]) != (name, suffix) or f"{name}0{suffix}" not in there or len(skipped) > _MOST_SKIPPED:
         return []
-    return [f"{name}{number}{suffix}" for number in skipped]
+    return [absent for number in skipped if (absent := f"{name}{number}{suffix}") not in there]
 
 
 def _cut(file: _File) -> bool:
@@ -382,11 +408,16 @@ def _name(found: object) -> str:
 
 def in_order(folder: Path) -> list[Path]:
     """Return the MCAP files of a folder by the numbers in their names, as recorders number them."""
-    return sorted(folder.glob("*.mcap"), key=lambda file: ([int(part) for part in re.findall(r"\d+", file.stem)], file))
+    return sorted(folder.glob("*.mcap"), key=by_number)
 
 
-def _files(folder: Path) -> tuple[str, list[Path]]:
-    """Return how a bag is compressed, and its files in their order: by number where a recorder left no metadata.
+def by_number(file: Path) -> tuple[list[int], Path]:
+    """Return the key of files in the order of the numbers in their names."""
+    return [int(part) for part in re.findall(r"\d+", file.stem)], file
+
+
+def _files(folder: Path) -> tuple[str, list[Path], Mapping[Path, int]]:
+    """Return how a bag is compressed, its files, by number without metadata, and when they begin as metadata say it.
 
     Raises:
         LogError: its metadata are damaged.
@@ -394,8 +425,8 @@ def _files(folder: Path) -> tuple[str, list[Path]]:
     try:
         facts = bag_facts(folder)
     except FileNotFoundError:
-        return "none", in_order(folder)
-    return facts.compression, facts.files
+        return "none", in_order(folder), {}
+    return facts.compression, facts.files, facts.begins_ns
 
 
 @dataclass(frozen=True)
@@ -404,12 +435,14 @@ class BagFacts:
 
     Attributes:
         compression: "none", "file" or "message".
-        files: in their order.
+        files: as they are listed.
+        begins_ns: first log time of each file with messages, where it is said.
         totals: number of messages, first log time (ns) and duration (ns); None for what it does not say.
     """
 
     compression: str
     files: list[Path]
+    begins_ns: dict[Path, int]
     totals: tuple[Any, Any, Any]
 
 
@@ -431,7 +464,12 @@ def bag_facts(folder: Path) -> BagFacts:
         start, duration = facts.get("starting_time") or {}, facts.get("duration") or {}
         times = start.get("nanoseconds_since_epoch"), duration.get("nanoseconds")
         compression = str(facts.get("compression_mode") or "none").lower()
-        return BagFacts(compression, files, (facts.get("message_count"), *times))
+        begins_ns = {
+            folder / _file_name(each["path"]): index(each["starting_time"]["nanoseconds_since_epoch"])
+            for each in facts.get("files") or ()
+            if each["message_count"]
+        }
+        return BagFacts(compression, files, begins_ns, (facts.get("message_count"), *times))
     except FileNotFoundError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, SceneError) as error:

@@ -393,7 +393,10 @@ def test_odometry_that_is_not_used_is_named(bagger: Any) -> None:
 
 @pytest.mark.parametrize(
     ("second_begins_s", "words"),
-    [(17_208, "2 recordings in one folder: 17198 s lie between day_0.mcap and day_1.mcap"), (-90, "day_1.mcap begins")],
+    [
+        (17_208, "2 recordings in one folder: 17198 s lie between day_0.mcap and day_1.mcap"),
+        (-90, "2 recordings in one folder: 80 s lie between day_1.mcap and day_0.mcap"),
+    ],
 )
 def test_two_recordings_in_one_folder_are_two(bagger: Any, tmp_path: Path, second_begins_s: int, words: str) -> None:
     folder = tmp_path / "both"

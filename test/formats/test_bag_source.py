@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from rb_dynamics.analysis.checks import one_recording
@@ -48,7 +49,7 @@ def record(
     with writer:
         connection = writer.add_connection(topic, "geometry_msgs/msg/WrenchStamped", typestore=STORE)
         for wrench in commands:
-            header = kinds["std_msgs/msg/Header"](stamp(0, wrench.stamp_ns), wrench.frame_id)
+            header = kinds["std_msgs/msg/Header"](stamp(*divmod(wrench.stamp_ns, 10**9)), wrench.frame_id)
             content = kinds["geometry_msgs/msg/Wrench"](vector(*wrench.force), vector(*wrench.torque))
             message = kinds["geometry_msgs/msg/WrenchStamped"](header, content)
             data = STORE.serialize_cdr(message, "geometry_msgs/msg/WrenchStamped")
@@ -120,6 +121,42 @@ def test_split_files_without_metadata_come_in_the_order_of_their_numbers(tmp_pat
         (file,) = record(tmp_path / f"part_{number}", StoragePlugin.MCAP, commands=part).glob("*.mcap")
         file.rename(folder / f"bag_{number}.mcap")
     assert [wrench.force[0] for _, wrench in read_wrenches(folder, ["wrench"])] == [9.0, 10.0]
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.FILE, None])
+def test_files_are_read_in_the_order_of_their_times(tmp_path: Path, mode: CompressionMode | None) -> None:
+    """Names or metadata in another order made two recordings of one; None is without metadata."""
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    facts = []
+    for name, second in (("bag_0", 200), ("bag_1", 100), ("bag_3", 0), ("bag_2", 300)):
+        start, storage = 10**18 + second * 10**9, StoragePlugin.SQLITE3 if mode else StoragePlugin.MCAP
+        bag = record(tmp_path / name, storage, mode or CompressionMode.NONE, start_ns=start)
+        (file,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
+        file = file.rename(folder / file.name)
+        facts.append(BagFile(file.name, start, start + 19000, Counter({"/wrench": 20})))
+    if mode:
+        write_metadata(folder, [], facts)
+        told = (folder / "metadata.yaml").read_text().replace("mode: ''", f"mode: {mode.name}")
+        (folder / "metadata.yaml").write_text(told.replace("storage_identifier: mcap", "storage_identifier: sqlite3"))
+    bag = read_bag(folder)
+    assert np.diff(bag.topics["/wrench"].log_times).min() >= 0
+    assert [boundary.begin_ns - boundary.end_ns for boundary in bag.boundaries] == [100 * 10**9 - 19000] * 3
+    assert bag.complete
+
+
+def test_files_named_in_another_order_are_one_recording_and_copies_of_one_are_not(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    slow = [Wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), "body", k * 10**9) for k in range(20)]
+    for name, second in (("first", 0), ("then", 20), ("last", 40)):
+        bag = record(tmp_path / name, StoragePlugin.MCAP, commands=slow, start_ns=10**18 + second * 10**9)
+        (bag / f"{name}.mcap").rename(folder / f"{name}.mcap")
+    found = one_recording(read_track(read_bag(folder)))
+    assert found.passed
+    assert "3 files that follow one another, in the order of their times, not of their names" in found.detail
+    shutil.copy(folder / "then.mcap", folder / "copy.mcap")
+    assert "begins 19 s before" in one_recording(read_track(read_bag(folder))).detail
 
 
 def test_a_topic_of_another_name_is_mapped(tmp_path: Path) -> None:
