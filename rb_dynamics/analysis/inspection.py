@@ -93,8 +93,8 @@ def inspect(
 _KEPT: dict[type, tuple[str, ...]] = {
     Balance: ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis"),
     Residual: (
-        *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "explained"),
-        *("explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns"),
+        *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "unit"),
+        *("explained", "explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns"),
     ),
     ActuatorUse: ("name", "kind", "unit", "commands", "largest", "limited", "rejected"),
     WheelSpeeds: ("name", "max_speed", "first", "last", "largest", "largest_ns", "at_limit_s"),

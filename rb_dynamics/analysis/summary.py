@@ -318,7 +318,7 @@ def _explained(left: Residual | None) -> list[Check]:
 
 def _by_mass(left: Residual) -> list[Check]:
     told = left.mass_words
-    return [Check(MASS_EXPLAINS, left.mass_explained, f"the forces fit {told} best")] if told else []
+    return [Check(MASS_EXPLAINS, left.mass_explained, told)] if told else []
 
 
 def _by_inertia(left: Residual) -> list[Check]:

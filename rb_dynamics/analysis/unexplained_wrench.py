@@ -24,6 +24,7 @@ from rb_dynamics.analysis.identification.given_inertia import (
     score_inertia,
     score_inertia_in_parts,
 )
+from rb_dynamics.analysis.identification.other_units import doubt_of_mass
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
@@ -95,6 +96,8 @@ class Residual:
         mass: the mass that fits best, kg; None if no force determines it, or no inertia explains the motion.
         mass_error: its standard error, kg.
         mass_explained: whether the given mass explains the motion as well.
+        given_mass: kg.
+        unit: of the positions, if only with that a mass fits; "" for m.
         explained: whether the given inertia leaves at most `bound`, or only noise.
         explainable: whether some physical inertia explains the motion.
         noise: standard deviation of the angular momentum, relative to the same; 0 if it is within `bound`.
@@ -123,6 +126,8 @@ class Residual:
     mass: float | None
     mass_error: float
     mass_explained: bool
+    given_mass: float
+    unit: str
     explained: bool
     explainable: bool
     noise: float
@@ -144,11 +149,14 @@ class Residual:
 
     @property
     def mass_words(self) -> str:
-        """The mass with its error, in kg; "" if it is not known."""
+        """The mass that the forces fit, with its error, and what is doubtful; "" if it is not known."""
         if self.mass is None:
             return ""
         decimals = max(0, 1 - math.floor(math.log10(self.mass_error)))
-        return f"{self.mass:.{decimals}f} ± {self.mass_error:.2g} kg"
+        told = f"the forces fit a mass of {self.mass:.{decimals}f} ± {self.mass_error:.2g} kg best"
+        if self.unit:
+            return f"{told} if positions are in {self.unit}; with those in m no mass fits"
+        return ", ".join(filter(None, (told, doubt_of_mass(self.mass, self.given_mass))))
 
     @property
     def strongest(self) -> Stretch:
@@ -266,6 +274,8 @@ def residual(track: Track, bound: float) -> Residual | None:
         mass=mass.value,
         mass_error=mass.error,
         mass_explained=mass.explained,
+        given_mass=body.mass,
+        unit=mass.unit,
         explained=explained,
         explainable=explained or other is not None,
         noise=level,

@@ -316,7 +316,7 @@ def _bias(left: Residual, does: str) -> str:
 
 def _mass(left: Residual) -> str:
     if told := left.mass_words:
-        return f" The forces fit a mass of {told} best."
+        return f" {told[0].upper()}{told[1:]}."
     hidden = " The forces do not tell the mass: noise, or what acted beside them, hides it."
     return hidden if np.isfinite(left.mass_error) else ""
 

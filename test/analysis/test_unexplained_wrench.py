@@ -31,21 +31,31 @@ def judged(bagger: Any) -> Callable[..., Residual]:
     """Return a function that records a run as another program would and computes its residual for this inertia."""
     both = ("/thrust/applied", "/push/applied")
 
-    def judge(flight: Any, inertia: np.ndarray, wrenches: tuple[str, ...] = both, noise: float = 0.0) -> Residual:
+    def judge(
+        flight: Any,
+        inertia: np.ndarray,
+        wrenches: tuple[str, ...] = both,
+        noise: float = 0.0,
+        unit: float | None = None,
+        body: str = BODY,
+    ) -> Residual:
+        """Return it; `unit` is that of the positions, m, where there is no twist."""
         rows, random = [], np.random.default_rng(1)
         for sample in flight.samples.samples:
             q, t = sample.orientation_xyzw, sample.time_ns
             velocity = rotate_all_inverse(np.array(q), np.array(sample.linear_velocity_world))
             rate = np.array(sample.angular_velocity_body) + noise * random.standard_normal(3)
-            rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*sample.position_world, *q))))
-            rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
+            place = np.array(sample.position_world) / (unit or 1.0)
+            rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*place.tolist(), *q))))
+            if unit is None:
+                rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
         log = read_bag(flight.log)
         for topic in wrenches:
             for time_ns, wrench in log.wrenches(topic):
                 frame = "base" if wrench.frame_id == "body" else wrench.frame_id
                 values = (time_ns, frame, (*wrench.force, *wrench.torque))
                 rows.append((topic, "geometry_msgs/msg/WrenchStamped", time_ns, values))
-        scene = parse_scene(BODY.replace("MATRIX", str(inertia.tolist())))
+        scene = parse_scene(body.replace("MATRIX", str(inertia.tolist())))
         left = residual(read_track(read_bag(bagger(rows)), scene), 1e-6)
         assert left is not None
         return left
@@ -98,6 +108,24 @@ def test_where_no_inertia_explains_it_the_torque_nobody_commanded_is_named(fligh
     assert "NO inertia explains the motion" in said
     assert "from t = 0.5 to 0.7 s: (0.2" in said
     assert "principal moments" not in said
+
+
+@pytest.mark.parametrize(("unit", "name"), [(1.0, ""), (1e-3, "millimetres"), (1e-2, "centimetres")])
+def test_positions_in_another_unit_are_named(flight: Any, judged: Any, unit: float, name: str) -> None:
+    """The forces were said to tell no mass, and all checks passed."""
+    left = judged(flight, TRUE, unit=unit)
+    assert left.mass == pytest.approx(4.0, rel=1e-4)
+    assert (left.unit, left.mass_explained) == (name, not name)
+    assert (f" best if positions are in {name}; with those in m no mass fits" in left.mass_words) == bool(name)
+
+
+def test_a_mass_far_from_the_one_given_is_doubted(flight: Any, judged: Any) -> None:
+    left = judged(flight, TRUE, body=BODY.replace("mass: 4.0", "mass: 4000"))
+    assert left.mass == pytest.approx(4.0, rel=1e-4)
+    assert left.mass_words.endswith(
+        "1000 times less than the 4000 kg given, as of lengths in millimetres or forces in kN"
+    )
+    assert left.mass_words[0].lower() in residual_sentence(left, 0).lower()
 
 
 def test_without_a_torque_only_the_ratios_are_told(coasting: Any, judged: Any) -> None:

@@ -33,6 +33,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import TOLD
+from rb_dynamics.analysis.identification.other_units import POSITIONS, is_far
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.residual_whiteness import bands_of, root_of, whiteness, widened
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
@@ -82,11 +83,13 @@ class FittedMass:
         value: kg; None if noise, or what acted beside the recorded forces, hides it.
         error: its standard error, kg.
         explained: whether the given mass explains the motion as well.
+        unit: of the positions, if none fits that are in m as they should be; "" for m.
     """
 
     value: float | None
     error: float
     explained: bool
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -230,8 +233,25 @@ def fitted_mass(track: Track, body: RigidBody, moving: TimeSeries) -> FittedMass
     if part is None:
         return None
     weights = [each.force[0] / body.mass for each in track.acting if each.weight]
+    gravity, (flight, begin_ns) = tuple(UniformGravity(tuple(each.tolist())) for each in weights), part
     with counted_by(Tally()):
-        return _Judge(body, *part, tuple(UniformGravity(tuple(each.tolist())) for each in weights)).mass()
+        found = _Judge(body, flight, begin_ns, gravity).mass()
+        if found is not None and found.value is not None:
+            return found
+        for unit, size in POSITIONS.items():
+            other = _Judge(body, _in_metres(flight, size), begin_ns, gravity).mass()
+            if other is not None and other.value is not None and not is_far(other.value, body.mass):
+                return replace(other, explained=False, unit=unit)
+    return found
+
+
+def _in_metres(flight: Flight, size: float) -> Flight:
+    """Return a flight of which positions and velocities are recorded in a unit of another size, m."""
+    streams = (
+        replace(each, values=size * each.values) if each.kind in (POSITION, VELOCITY) else each
+        for each in flight.streams
+    )
+    return replace(flight, streams=tuple(streams))
 
 
 def _part(

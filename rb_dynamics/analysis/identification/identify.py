@@ -24,10 +24,11 @@ from rb_dynamics.analysis.identification.fit_consistency import (
     model_of_others,
     predicting,
 )
-from rb_dynamics.analysis.identification.flights import ATTITUDE, RATES, Flight, read_flight
+from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, read_flight
 from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
+from rb_dynamics.analysis.identification.other_units import doubt_of_center, doubt_of_mass
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
@@ -185,6 +186,7 @@ class Identification:
                 "intervals are doubled, and hold if what is missing is no larger where it does not show"
                 if each.follows
                 else "such a fit determines nothing: look for a torque, a sensor or a body far from that of the scene"
+                + ", or positions in another unit than m" * (each.kind == POSITION)
             )
             for each in self.residuals
             if not each.explained
@@ -681,6 +683,7 @@ class _Report:
             converged=self.fit.converged,
             principal_errors=(first, second, third),
             notes=(
+                *self._other_units(body),
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *_notes_of(self.model.flights),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
@@ -688,6 +691,18 @@ class _Report:
             predicted=tuple(self.fit.predicted),
             zero_ns=self.model.flights[0].zero_ns,
         )
+
+    def _other_units(self, body: RigidBody) -> list[str]:
+        """Return a remark where the body found is that far from the body given, as other units would do."""
+        given, notes = self.model.scene.body, list[str]()
+        of_inertia = None
+        if self._has("shape") and self._told("size"):
+            of_inertia = float(np.trace(np.array(body.inertia)) / np.trace(np.array(given.inertia)))
+        if doubt := doubt_of_mass(body.mass, given.mass, of_inertia):
+            notes.append(f"the mass found is {doubt}; correct the units, or the scene if they are right")
+        if self._has("center_of_mass") and self._told("center_of_mass"):
+            notes.append(doubt_of_center(float(np.linalg.norm(body.center_of_mass)), self.model.arm))
+        return [note for note in notes if note]
 
     def shift(self, step: Array) -> float:
         """Return by how many of its standard errors a step moves that number of the body which it moves most.

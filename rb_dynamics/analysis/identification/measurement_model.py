@@ -165,7 +165,8 @@ class Model:
         """Return the body that parameters stand for."""
         mass = self.scene.body.mass
         if "mass" in self.layout:
-            mass *= float(np.exp(z[self.layout["mass"].at][0]))
+            with np.errstate(over="ignore"):
+                mass *= float(np.exp(z[self.layout["mass"].at][0]))
         center = self.layout.values("center_of_mass", z, np.array(self.scene.body.center_of_mass))
         return Body(mass, center, rows_of(self.inertia.derivative(*self.size_and_shape(z))[0]))
 
