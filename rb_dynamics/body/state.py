@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 from rb_dynamics.numerics.argument_checks import quaternion, time_count, vector
 from rb_dynamics.numerics.rotation import IDENTITY, Quaternion
 from rb_dynamics.numerics.vector import ZERO, Vector
+
+_VECTORS = ("position_world", "orientation_xyzw", "linear_velocity_world", "angular_velocity_body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,13 @@ class State:
     orientation_xyzw: Quaternion = IDENTITY
     linear_velocity_world: Vector = ZERO
     angular_velocity_body: Vector = ZERO
+
+    def __post_init__(self) -> None:
+        """Copy what is no tuple: an array may change later."""
+        moves = type(self.position_world) is type(self.linear_velocity_world) is tuple
+        if not (moves and type(self.orientation_xyzw) is type(self.angular_velocity_body) is tuple):
+            for name in _VECTORS:
+                object.__setattr__(self, name, copy(getattr(self, name)))
 
     def checked(self, name: str) -> State:
         """Return it with plain floats and an attitude of norm 1 to round-off; messages call it `name`.
