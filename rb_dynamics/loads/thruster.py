@@ -25,9 +25,10 @@ class Thruster(Actuator):
     """While open, exerts `force` along the x axis of its frame, at the frame's origin.
 
     A command takes effect `delay` after it arrives: open for `on_time` seconds, or at `level` (0 to 1) times the force
-    until the next command. It replaces the previous command: `on_time` 0 closes. Edges fall on their exact nanosecond,
-    so that an impulse is force times time. With `rise` and `fall`, the force ramps linearly to its new level from each
-    edge on: a pulse of at least `rise` has the impulse F (on-time - rise / 2 + fall / 2).
+    until the next command. A level beyond its ends, also a negative one, acts as the end, and counts as clipped; an
+    on-time that cannot be is rejected. A command replaces the previous one: `on_time` 0 closes. Edges fall on their
+    exact nanosecond, so that an impulse is force times time. With `rise` and `fall`, the force ramps linearly to its
+    new level from each edge on: a pulse of at least `rise` has the impulse F (on-time - rise / 2 + fall / 2).
 
     Attributes:
         frame: one of the body's fixed frames, with the thruster at its origin.

@@ -105,6 +105,15 @@ def test_a_thruster_acts_like_the_wrench_in_its_frame() -> None:
     assert rb.simulate(channel, [("wrench", force)]).sample == by_jet
 
 
+@pytest.mark.parametrize(("level", "acts"), [(-0.5, 0.0), (1.5, 2.0)])
+def test_a_level_beyond_its_ends_acts_as_the_end_and_counts_as_clipped(level: float, acts: float) -> None:
+    sink = rb.MemorySink()
+    run = rb.simulate(rb.parse_scene(SCENE), [("valve/command", Setpoint(level, 10**9))], [sink])
+    assert (run.clipped_on, run.rejected) == ({"valve/command": 1}, ())
+    found = [np.linalg.norm(each.force) for each in sink.applied if each.topic == "valve"]
+    assert max(found, default=0.0) == pytest.approx(acts)
+
+
 def test_a_magnetorquer_turns_the_body_by_its_dipole_in_the_field() -> None:
     sink = rb.MemorySink()
     rb.simulate(rb.parse_scene(SCENE, overrides={"output_rate": 200}), [("rod/command", Setpoint(-1.0))], [sink])
