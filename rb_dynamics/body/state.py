@@ -36,7 +36,7 @@ class State:
     def __post_init__(self) -> None:
         """Copy what is no tuple: an array may change later."""
         moves = type(self.position_world) is type(self.linear_velocity_world) is tuple
-        if not (moves and type(self.orientation_xyzw) is type(self.angular_velocity_body) is tuple):
+        if not (moves and type(self.angular_velocity_body) is tuple and type(self.orientation_xyzw) is tuple):
             for name in _VECTORS:
                 object.__setattr__(self, name, copy(getattr(self, name)))
 
