@@ -32,6 +32,8 @@ _FAR = 30.0
 # rad turned in the first piece of a flight, and how much longer each piece is than the one before.
 _FIRST_PIECE = 3.0
 _LONGER = 3.0
+# rad turned beyond which a search may lose the motion on its way from a piece to the whole.
+_LONG = 300.0
 # Two fits are the same minimum if their costs differ by this fraction.
 _SAME = 1e-3
 _COARSE = 1e-3
@@ -335,10 +337,14 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
     """
     predicted = list(model.predict(z))
     if not all(sane(each.left, each.by, unit=noise[each.key]) for each in predicted):
+        turned = max(_angles(model))
+        shorter = (
+            f", or give a part of it (convert --to): the body turns by some {turned:.0f} rad" if turned > _LONG else ""
+        )
         raise LogError(
             f"{', '.join(flight.name for flight in model.flights)}: found no motion that follows the recording, "
             "expected one near that of the scene; correct body.inertia in the scene, which must be of the right order, "
-            "or try more starts"
+            f"or try more starts{shorter}"
         )
     return predicted
 

@@ -13,6 +13,7 @@ from identified_flights import flown, guess, random_body
 from rb_dynamics.analysis.identification import estimation, measurement_model
 from rb_dynamics.analysis.identification.estimation import _against_plausible, _estimated, _least_squares, fitted
 from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.errors import LogError
 
 
 def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,6 +39,21 @@ def test_a_search_that_begins_at_its_minimum_ends_there(monkeypatch: pytest.Monk
     moved = _least_squares(model, at + 1e-3, fit.noise, "linear", None)
     assert moved.cost == pytest.approx(again.cost, rel=1e-9)
     assert np.allclose(moved.x, at, atol=1e-4)
+
+
+@pytest.mark.parametrize("longest", [1.0, 300.0])
+def test_a_motion_that_diverges_is_an_error_and_of_a_long_one_a_part_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, longest: float
+) -> None:
+    monkeypatch.setattr(estimation, "_LONG", longest)
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    model = Model(guess(body), [flown(body, random, torque=1.0, spin=(0.9, 1.2, -1.5))], ("inertia",))
+    tiny = np.zeros(model.layout.count)
+    tiny[model.layout["size"].at] = -600.0
+    with pytest.raises(LogError, match=r"found no motion that follows the recording.*or try more starts") as error:
+        estimation._of_a_motion(model, tiny, {("imu", "rates", 0): 1.0})
+    assert ("give a part of it (convert --to): the body turns by some" in str(error.value)) == (longest == 1.0)
 
 
 def test_noise_is_estimated_beside_parameters_that_are_nearly_undetermined() -> None:
