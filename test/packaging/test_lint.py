@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+# From nothing mypy takes a minute of processor time, which a busy machine has to share.
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     "command",
     [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy", "--strict", "rb_dynamics")],
