@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions
+from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions, overlaps
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement, Leaps
@@ -150,7 +150,8 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     begin = track.zero_ns
     parts = [each for each in track.motion if each.topic == series.topic]
     spikes = [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
-    if faults := [*series.faults(begin), *spikes, *filter(None, (contradictions(each, begin) for each in parts))]:
+    doubts = filter(None, (found(each, begin) for each in parts for found in (contradictions, overlaps)))
+    if faults := [*series.faults(begin), *spikes, *doubts]:
         return Check(name, False, "; ".join(faults))
     steps = np.diff(series.time_ns)
     if not len(steps):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
@@ -27,6 +28,9 @@ _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
 # Noise takes rounded numbers back and forth between values that are so many steps of the rounding apart.
 _STEPS = 5.0
+# Two runs of stamps overlap where so many of so many samples in a row come within this part of the usual time, and jump
+# this many times as far as the next two are apart.
+_ROW, _OF_ROW, _DENSE, _JUMPS = 9, 12, 0.75, 3.0
 # Two topics of one frame show two bodies if they are this far apart in the median: rad, m, fraction of the extent.
 _APART_TURN, _APART, _APART_PART = 0.5, 0.5, 0.5
 # They move alike if the distances between pairs of so many instants agree, to this fraction of the usual distance.
@@ -183,6 +187,48 @@ def contradictions(series: TimeSeries, start_ns: int) -> str:
     return "; ".join(found)
 
 
+def overlaps(series: TimeSeries, start_ns: int) -> str:
+    """Return where two runs of stamps overlap in a pose or twist, as of a clock that was set back; "" if nowhere.
+
+    In a file that is sorted by these stamps, samples there come twice as often as usual, and jump to and fro.
+    """
+    shared = _OF_ROW + 1
+    if len(series.time_ns) <= shared:
+        return ""
+    usual = float(np.median(series.time_ns[2:] - series.time_ns[:-2], overwrite_input=True))
+
+    def dense(times: Times) -> NDArray[np.bool_]:
+        return times[2:] - times[:-2] < _DENSE * usual
+
+    if not any(len(_in_a_row(dense(times))) for times in in_blocks(series.time_ns, shared)):
+        return ""
+    columns = slice(0, 3), slice(3, None)
+    turns = False, series.values.shape[1] == 7
+    least = [_smallest(series, part, turns=turn) for part, turn in zip(columns, turns, strict=True)]
+    ends: list[int] = []
+    for times, values in zip(in_blocks(series.time_ns, shared), in_blocks(series.values, shared), strict=True):
+        jumps = np.zeros(len(times) - 2, dtype=bool)
+        for part, turn, smallest in zip(columns, turns, least, strict=True):
+            rows = unit_rows(values[:, part]) if turn else values[:, part]
+            far, near = (_apart(rows[:-2], rows[k : k + len(jumps)], turns=turn) for k in (1, 2))
+            jumps |= (far > _JUMPS * near) & (far > smallest)
+        many = _in_a_row(dense(times) & jumps)
+        ends += [int(times[k]) for k in (*many[:1], *(many[-1:] + shared))]
+    if not ends:
+        return ""
+    begin, end = ((at - start_ns) * 1e-9 for at in (ends[0], ends[-1]))
+    return (
+        f"from t = {begin:.6g} to {end:.6g} s samples come twice as often as usual and jump to and fro: two runs in "
+        "one file, or a clock that was set back"
+    )
+
+
+def _in_a_row(true: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return where `_OF_ROW` values in a row begin of which at least `_ROW` are true."""
+    before = np.append(0, np.cumsum(true))
+    return np.flatnonzero(before[_OF_ROW:] - before[:-_OF_ROW] >= _ROW)
+
+
 def _changes(pose: TimeSeries, *, turns: bool) -> Array:
     """Return the rotation (rad) or the distance (m) from each sample to the next."""
     blocks = in_blocks(pose.values, 1)
@@ -243,9 +289,7 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     samples return as closely, but most of those that are rounded to steps as large as the noise.
     """
     sizes, start = [np.empty(0)], pose.time_ns[0]
-    # A turn is twice the change of the quaternion.
-    rounded = 2.0 * _step(pose, slice(3, 7)) if turns else _step(pose, slice(0, 3))
-    smallest = max(_STEPS * rounded, _LEAST_TURN if turns else 0.0)
+    smallest = _smallest(pose, slice(3, 7) if turns else slice(0, 3), turns=turns)
     if known := twist is not None and len(twist.time_ns) > 0:
         part = slice(3, 6) if turns else slice(0, 3)
         rates = np.nan_to_num(sizes_of(twist.values[:, part]))
@@ -263,6 +307,13 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     returned = np.concatenate(sizes)
     share = len(returned) / max(len(pose.time_ns) - _LAST, 1)
     return Returns(turns, share, float(np.median(returned))) if share > _RETURNS else None
+
+
+def _smallest(series: TimeSeries, columns: slice, *, turns: bool) -> float:
+    """Return the smallest distance, or angle between attitudes, that is more than rounding."""
+    # A turn is twice the change of the quaternion.
+    rounded = (2.0 if turns else 1.0) * _step(series, columns)
+    return max(_STEPS * rounded, _LEAST_TURN if turns else 0.0)
 
 
 def _step(pose: TimeSeries, columns: slice) -> float:

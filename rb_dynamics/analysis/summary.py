@@ -17,7 +17,7 @@ import numpy as np
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording, unread
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
-from rb_dynamics.analysis.continuity import Continuity, continuity
+from rb_dynamics.analysis.continuity import Continuity, continuity, overlaps
 from rb_dynamics.analysis.gaps import silences
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
 from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
@@ -255,7 +255,7 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
         return ""
     if track.bag.boundaries and not one_recording(track).passed:
         return "these are several recordings"
-    if any(series.disorder is not None and series.disorder.restarts for series in track.motion):
+    if any((series.disorder and series.disorder.restarts) or overlaps(series, 0) for series in track.motion):
         return "these are several runs"
     if any(series.hangs for series in track.motion):
         return "stamps stand still for a while"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -250,6 +251,31 @@ def test_stamps_of_a_coarse_clock_are_no_contradiction(noise: float, tick_ns: in
     motion = spin(noise=noise)
     coarse = replace(motion, time_ns=motion.time_ns // tick_ns * tick_ns)
     assert not any("within 0 s" in detail for detail in failing(bag_of(coarse)).values())
+
+
+@pytest.mark.parametrize("stamps", ["even", "jitter"])
+@pytest.mark.parametrize("shift_ns", [0, 4_000_000])
+def test_a_clock_that_was_set_back_in_a_file_sorted_by_its_stamps_is_told(stamps: str, shift_ns: int) -> None:
+    """Where no stamp came twice every check passed, and a fit searched for minutes."""
+    motion = spin(noise=1e-3, stamps=stamps)
+    motion.time_ns[500:] -= 500_000_000 - shift_ns
+    bag = bag_of(motion.taken(np.argsort(motion.time_ns, kind="stable")), wrench=True, with_twist=False)
+    words = r"from t = 4\.\d* to [45]\.\d* s samples come twice as often as usual and jump to and fro: two runs"
+    assert re.search(words, failing(bag)["/b/pose is whole"])
+    summary = summarize(read_track(bag, BALL))
+    assert any(check.detail == "not judged; these are several runs" for check in summary.checks)
+    with pytest.raises(LogError, match=rf"/b/pose: {words}.*; cut it to before or after that"):
+        flight_of(bag, BALL)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("tick_ns", [1, 20_000_000])
+def test_what_a_sensor_does_is_no_overlap_of_two_runs(seed: int, tick_ns: int) -> None:
+    noise, rate = (1e-5, 1e-3, 1e-2)[seed % 3], (0.0, 3.0)[seed % 2]
+    motion = spin(rate=rate, speed=0.1 * rate, noise=noise, stamps=("even", "jitter", "random")[seed % 3], seed=seed)
+    motion.position[:] = np.round(motion.position, 3)
+    coarse = replace(motion, time_ns=motion.time_ns // tick_ns * tick_ns)
+    assert not any("twice as often" in detail for detail in failing(bag_of(coarse)).values())
 
 
 @pytest.mark.parametrize("later_ns", [10_000_000, 1_510_000_000])

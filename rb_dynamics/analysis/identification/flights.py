@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
-from rb_dynamics.analysis.continuity import continuity, contradictions
+from rb_dynamics.analysis.continuity import continuity, contradictions, overlaps
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
@@ -443,6 +443,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         )
     _require_one_clock(track)
     zero = 0 if track.own else track.span_ns[0]
+    for each in track.motion:
+        if told := overlaps(each, zero):
+            raise LogError(f"{path}: {each.topic}: {told}; cut it to before or after that, with convert --from or --to")
     notes = [note for note in track.notes if "inspected" not in note]
     notes += [*losses(track), *remarks(track)]
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
