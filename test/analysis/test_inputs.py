@@ -21,7 +21,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tumbling import spin
 
-from rb_dynamics import LogError, TopicChoice, compare, inspect
+from rb_dynamics import LogError, TopicChoice, compare, inspect, parse_scene
+from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.formats import cdr
 
@@ -251,6 +252,18 @@ def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:
     two = [("/tf", TF, t, transforms([transform(t, "base", "arm", row)])) for t, row in zip(TIMES, POSES, strict=True)]
     with pytest.raises(LogError, match=r"several frames move \(base:arm, map:base\).*--frames WORLD:BODY"):
         recorded(one, two)
+
+
+def test_identify_says_how_to_choose_among_several_moving_frames(tmp_path: Path) -> None:
+    rows: list[Any] = [
+        ("/tf", TF, t, transforms([transform(t, frame, child, row)]))
+        for t, row in zip(TIMES, POSES, strict=True)
+        for frame, child in (("map", "base"), ("base", "arm"))
+    ]
+    pushed = of("Wrench", of("Vector3", 1.0, 0.0, 0.0), of("Vector3", 0.0, 0.0, 0.0))
+    rows += [("/w", "geometry_msgs/msg/WrenchStamped", TIMES[0], of("WrenchStamped", header(TIMES[0], "base"), pushed))]
+    with pytest.raises(LogError, match=r"found 0 samples .*; .*several frames move .* --frames WORLD:BODY; record the"):
+        read_flight(str(write_bag(tmp_path / "bag", rows)), parse_scene(SCENE))
 
 
 def test_the_topic_of_transforms_is_used_for_what_its_frames_are() -> None:

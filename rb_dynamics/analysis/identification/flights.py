@@ -121,9 +121,10 @@ class Flight:
         """
         if not any(len(stream.time_ns) >= _FEWEST for stream in self.streams):
             most = max((len(stream.time_ns) for stream in self.streams), default=0)
+            others = [note.rstrip(".") for note in self.notes if "--frames" in note]
             raise LogError(
                 f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
-                "a twist or a gyro; record the flight again, or name another recording"
+                f"a twist or a gyro; {'; '.join([*others, 'record the flight again, or name another recording'])}"
             )
 
     def pieces(self) -> list[Flight]:
