@@ -69,7 +69,7 @@ _CUT_CHUNK = -1
 # Likewise of what is left out to salvage, and does not say of when it was.
 _HOLE = -2
 _GIT_LFS = b"version https://git-lfs.github.com/spec/"
-_ROS_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
+_ROS_1, _SQLITE, _PARQUET = b"#ROSBAG V", b"SQLite format 3\0", b"PAR1"
 _RECORD = struct.Struct("<BQ")
 # Of a chunk: its times, what is in it in bytes and their checksum, the length of the compression's name.
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -533,6 +533,12 @@ class McapFile:
             return "is a bag of ROS 1, expected one of ROS 2", f"convert it with {_converted(self.path, bag)}"
         if begin.startswith(_SQLITE):
             return "is an SQLite bag, expected an MCAP file", instead_of_recover(self.path).lstrip("; ")
+        if begin.startswith(_PARQUET):
+            written = f'pandas.read_parquet("{self.path.name}").to_csv("{self.path.stem}.csv", index=False)'
+            return (
+                "is a Parquet table, expected an MCAP file",
+                f"tables are read as CSV only: write one, as by {written}",
+            )
         return "does not begin like an MCAP file", self._by_name(file)
 
     def _by_name(self, file: BinaryIO) -> str:

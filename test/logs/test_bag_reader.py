@@ -100,6 +100,15 @@ def test_what_is_no_log_is_told_what_it_may_become(tmp_path: Path, name: str, re
         read_wrenches(tmp_path / name, ["wrench"])
 
 
+def test_a_parquet_table_is_told_how_to_become_csv(tmp_path: Path) -> None:
+    (tmp_path / "w.parquet").write_bytes(b"PAR1\x15\x04PAR1")
+    with pytest.raises(
+        LogError,
+        match=r"w\.parquet is a Parquet table, expected .*; tables are read as CSV only: .*to_csv\(\"w\.csv\", ind",
+    ):
+        read_wrenches(tmp_path / "w.parquet", ["wrench"])
+
+
 def test_a_file_cut_off_before_its_first_message_is_told_apart(tmp_path: Path, example_dir: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((example_dir / "slew.mcap").read_bytes()[:100])
