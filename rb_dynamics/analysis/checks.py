@@ -198,7 +198,7 @@ def _late(series: TimeSeries, track: Track) -> str:
     others = [
         (times, each.name, within)
         for each in track.bag.topics.values()
-        if not each.type_name.startswith(_OF_ROS) and not is_latched(each.qos)
+        if not each.type_name.startswith(_OF_ROS) and not is_latched(each.name, each.qos)
         if len(times := each.log_times[within := (each.log_times >= low) & (each.log_times <= high)])
     ]
     begin, first, of_first = min(((int(times.min()), name, rows) for times, name, rows in others), key=lambda o: o[:2])

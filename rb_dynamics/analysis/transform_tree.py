@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.track import LARGEST, Array, Times, unit_rows
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.channel_metadata import is_latched
 from rb_dynamics.formats.message_types import TRANSFORM, TRANSFORMS
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import Bag
@@ -59,7 +60,7 @@ def pairs(bag: Bag) -> dict[tuple[str, str], Topic]:
 
 def is_fixed(topic: Topic) -> bool:
     """Return whether the transforms of a topic hold for all time: those of /tf_static."""
-    return "tf_static" in topic.name or "transient_local" in topic.qos or topic.count == 1
+    return is_latched(topic.name, topic.qos) or topic.count == 1
 
 
 def pose_between(bag: Bag, world: str, body: str) -> FramePose:

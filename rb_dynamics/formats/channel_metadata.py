@@ -22,9 +22,15 @@ def qos_profile(depth: int, durability: str = "volatile") -> str:
     )
 
 
-def is_latched(qos: str) -> bool:
-    """Return whether a message of a topic holds until the next, by its profile in the words of any rosbag2."""
-    return re.search(r"durability: (?:transient_local|1)\b", qos) is not None
+def is_latched(topic: str, qos: str) -> bool:
+    """Return whether a message of a topic holds until the next, by its profile in the words of any rosbag2.
+
+    Those of /tf_static, and of its pairs of frames, hold without a profile, too.
+    """
+    return (
+        topic.partition(" ")[0].endswith("tf_static")
+        or re.search(r"durability: (?:transient_local|1)\b", qos) is not None
+    )
 
 
 def log_channel(topic: str, type_name: str, qos: str) -> McapChannel:

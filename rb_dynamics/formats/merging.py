@@ -31,9 +31,6 @@ from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
 
-# Messages that hold from whenever they were sent, and belong to every part, like latched ones.
-_FIXED = "tf_static"
-
 # Their messages name what they are about.
 _SHARED = (TRANSFORMS, DIAGNOSTICS)
 
@@ -113,7 +110,7 @@ def _by_log_time(sources: Sequence[Source]) -> Iterator[tuple[int, Message]]:
 
 
 def _holds(channel: McapChannel) -> bool:
-    return channel.topic.endswith(_FIXED) or is_latched(channel.metadata.get(QOS, ""))
+    return is_latched(channel.topic, channel.metadata.get(QOS, ""))
 
 
 def _scenes(sources: Sequence[Source]) -> dict[str, bytes]:

@@ -91,6 +91,18 @@ def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
     assert not failing(bag)
 
 
+def test_fixed_frames_that_came_first_are_no_beginning(tmp_path: Path) -> None:
+    """Without a profile in the recording, the pose was said to begin 5 s late."""
+    pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    rows = [("/tf_static", TF, 0, transforms([transform(0, "base", "imu", pose)]))]
+    fixed = read_bag(write_bag(tmp_path / "bag", rows)).topics
+    bag = bag_of(spin().moved(5 * 10**9))
+    for topic in fixed.values():
+        topic.qos = ""
+    bag.topics.update(fixed)
+    assert not failing(bag)
+
+
 def test_every_topic_says_what_it_is_used_for_or_why_it_is_not() -> None:
     bag = bag_of(spin(), wrench=True)
     for name, kind, count in (
