@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Jump, Other, contradictions, overlaps
+from rb_dynamics.analysis.continuity import FARTHEST, Continuity, Other, contradictions, jumps_told, overlaps
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual, told
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement, Leaps
@@ -246,9 +246,7 @@ def _continuous(track: Track, found: Continuity, leaps: Leaps | None) -> Check:
     if leaps:
         return Check(name, False, f"{leaps}: these are no attitudes of one body")
     if found.jumps:
-        largest = sorted(found.jumps, key=lambda jump: -jump.size)[:NAMED]
-        shown = [jump for jump in found.jumps if jump in largest][:NAMED]
-        return Check(name, False, listed([_jump(track, jump) for jump in shown], len(found.jumps)))
+        return Check(name, False, jumps_told(found.jumps, track.zero_ns))
     if found.turn >= FARTHEST:
         far = f"the attitude turns by {found.turn:.3g} rad from one sample to the next, so a jump cannot be detected"
         return Check(name, True, f"not judged; {far}", judged=False, share=0.0)
@@ -271,12 +269,6 @@ def _one_body(track: Track, others: Sequence[Other]) -> Check:
         return Check(name, False, f"they move differently, and {what}; two bodies, or one of them is wrong")
     why = "they move alike, as do estimates of one body with drift, noise or another origin, and bodies side by side"
     return Check(name, True, f"not judged; {why}; they {what}", judged=False, share=0.0)
-
-
-def _jump(track: Track, jump: Jump) -> str:
-    what = f"attitude, by {np.rad2deg(jump.size):.4g}°" if jump.turns else f"position, by {jump.size:.4g} m"
-    within = (jump.end_ns - jump.start_ns) * 1e-9
-    return f"{what} within {within:.4g} s at t = {(jump.start_ns - track.zero_ns) * 1e-9:.6g} s"
 
 
 def _agrees(track: Track, each: Agreement) -> Check:

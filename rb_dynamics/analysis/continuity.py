@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.gaps import longest_usual
+from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual
 from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.formats.message_types import ODOMETRY
 from rb_dynamics.numerics.rotation_arrays import rotation_vectors
@@ -143,6 +143,18 @@ def continuity(track: Track) -> Continuity | None:
         others=_others(track, extent if placed else 0.0),
         frozen=_frozen(track, found),
     )
+
+
+def jumps_told(jumps: Sequence[Jump], start_ns: int) -> str:
+    """Return jumps as text, the largest in order of time, from `start_ns`."""
+    largest = sorted(jumps, key=lambda jump: -jump.size)[:NAMED]
+    each = [
+        (f"attitude, by {np.rad2deg(jump.size):.4g}°" if jump.turns else f"position, by {jump.size:.4g} m")
+        + f" within {(jump.end_ns - jump.start_ns) * 1e-9:.4g} s at t = {(jump.start_ns - start_ns) * 1e-9:.6g} s"
+        for jump in jumps
+        if jump in largest
+    ]
+    return listed(each[:NAMED], len(jumps))
 
 
 def _turn_by_rates(twist: TimeSeries | None, pose: TimeSeries) -> float:

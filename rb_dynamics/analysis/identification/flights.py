@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
-from rb_dynamics.analysis.continuity import continuity, contradictions, overlaps
+from rb_dynamics.analysis.continuity import continuity, contradictions, jumps_told, overlaps
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
@@ -451,7 +451,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     notes += [*losses(track), *remarks(track)]
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
-    _require_one_body(track, {each.kind for each in streams})
+    notes += _jumps(track, {each.kind for each in streams}, zero)
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
     motion = next((each.topic for each in track.motion), "")
@@ -471,20 +471,23 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     return found if own else found.between_commands()
 
 
-def _require_one_body(track: Track, kinds: Set[str]) -> None:
-    """Refuse a pose that shows two bodies by turns, for which a fit is searched for minutes, in what is measured.
+def _jumps(track: Track, kinds: Set[str], zero: int) -> list[str]:
+    """Return remarks on jumps of the pose in what is measured.
 
     Raises:
-        LogError: it does.
+        LogError: it shows two bodies by turns, for which a fit is searched for minutes.
     """
     steady = continuity(track)
-    if steady is None or steady.returns is None or track.pose is None:
-        return
-    if (ATTITUDE if steady.returns.turns else POSITION) in kinds:
+    if steady is None or track.pose is None:
+        return []
+    if steady.returns and (ATTITUDE if steady.returns.turns else POSITION) in kinds:
         raise LogError(
             f"{track.bag.path}: {track.pose.topic}: {steady.returns}; expected the pose of one body; record each on a "
             "topic of its own, or choose another with --pose-topic"
         )
+    found = [jump for jump in steady.jumps if (ATTITUDE if jump.turns else POSITION) in kinds]
+    told = f"{track.pose.topic} jumps, as no body moves: {jumps_told(found, zero)}; cut the recording there"
+    return [told] if found else []
 
 
 def _require_one_clock(track: Track) -> None:

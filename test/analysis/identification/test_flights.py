@@ -515,6 +515,17 @@ def test_samples_of_one_stamp_that_contradict_each_other_are_named() -> None:
     assert any("/b/pose: position jumps within 0 s, by up to 0.5" in note for note in found.notes)
 
 
+def test_jumps_of_a_pose_are_named() -> None:
+    """As of markers that are mistaken for one another; the fit said only that it does not explain the recording."""
+    motion = spin(noise=1e-4)
+    motion.orientation_xyzw[400:] = motion.turned(1.5)[400:]
+    found = flight_of(bag_of(motion, with_twist=False), guess(RigidBody.from_diagonal(1.0, (1.0, 1.0, 1.0))))
+    assert any(
+        re.search(r"/b/pose jumps, .*: attitude, by 8\d\.\d*° within 0.01 s at t = 3.99 s; cut", note)
+        for note in found.notes
+    )
+
+
 def test_a_position_far_away_is_left_out_and_named() -> None:
     """It left more than all noise, and nothing was known."""
     body = random_body(np.random.default_rng(3), center=0.05)
