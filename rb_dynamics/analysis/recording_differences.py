@@ -709,6 +709,28 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
                 f"The positions of B lie ({place}) m from those of A{axes}, throughout: without that {rest:.3g} m "
                 "(rms) would remain."
             )
+    return told + ([] if attitude is None else _in_world(found, attitude))
+
+
+def _in_world(found: Mapping[str, Difference], attitude: Difference) -> list[str]:
+    """Return remarks on velocities that fit those of the other if they are in world axes although not said to be."""
+    told = []
+    for name in ("angular_velocity", "linear_velocity"):
+        each = found.get(name)
+        if each is None or each.rms <= 1e-9:
+            continue
+        times, turns, rows = shared(attitude.time_ns, each.time_ns)
+        first, second = each.first[rows], each.second[rows]
+        for side, apart in (
+            ("A", rotate_all_inverse(attitude.first[turns], first) - second),
+            ("B", rotate_all_inverse(attitude.second[turns], second) - first),
+        ):
+            rest = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) if len(times) > 3 else math.inf
+            if rest * _CONSTANT < each.rms:
+                told.append(
+                    f"The {name.replace('_', ' ')} of {side} looks like one in world axes, which its frame does not "
+                    f"say: turned into body axes, {rest:.3g} {UNITS[name]} (rms) would remain. Nothing is corrected."
+                )
     return told
 
 

@@ -455,6 +455,21 @@ def test_another_point_of_the_body_and_another_body_frame_are_named(log: Path, f
     assert f'The twists of A are of the frame "{twist.frame}", those of B of "imu"' in told
 
 
+@pytest.mark.parametrize("side", ["A", "B"])
+def test_velocities_that_look_like_those_in_world_axes_are_named(log: Path, folder: Path, side: str) -> None:
+    track = read_track(read_bag(foreign(folder / "axes.mcap", log)))
+    pose, twist = track.pose, track.twist
+    assert pose is not None
+    assert twist is not None
+    parts = [rotate_all(pose.values[:, 3:], twist.values[:, columns]) for columns in (slice(0, 3), slice(3, 6))]
+    other = replace(track, twist=replace(twist, values=np.hstack(parts)))
+    sides = [Given(track, "a"), Given(other, "b")][:: 1 if side == "B" else -1]
+    told = [note for note in compare_tracks(*sides, Alignment("stamp", 0)).notes if "looks like one in world" in note]
+    assert [note.partition(" looks")[0] for note in told] == [
+        f"The {name} velocity of {side}" for name in ("angular", "linear")
+    ]
+
+
 def test_a_lag_that_is_hardly_known_is_none_and_pieces_of_one_clock_are_named(log: Path, folder: Path) -> None:
     """Without a torque speeds nearly repeat: of two pieces of a flight, a lag left half a radian, known to 0.7 s."""
     assert "known to +- 0.7 s only, of 3.6 s" in " ".join(Alignment("lag", 0, 0.7, None, 0.1, 3.6).doubts)
