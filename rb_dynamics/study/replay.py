@@ -548,6 +548,9 @@ class _Comparison:
                 last, there = str(max(self._checkpoints)), str(self._found.samples)
                 self._hold(CHECKPOINT, "samples", {"samples": last}, {"samples": there}, certain=True)
             self._hold_result(result)
+        elif self._facts.metadata.get(RESULT, {}).get("states_sha256") == self._states.hexdigest():
+            # Only what follows the messages was cut off or damaged.
+            self._hold_states(RESULT, {**self._facts.metadata[RESULT], "time_ns": str(self._states.time_ns)})
 
     def _hold_result(self, here: Mapping[str, str]) -> None:
         """Compare the metadata written at the end."""

@@ -172,13 +172,28 @@ def test_every_step_and_frames_of_other_names(tmp_path: Path) -> None:
 def test_a_split_bag_and_a_recovered_beginning(tmp_path: Path, log: Path) -> None:
     simulate(SCENE, COMMANDS, [BagSink(tmp_path / "bag", max_duration_s=0.7)])
     assert replay(tmp_path / "bag").identical
-    log.write_bytes(log.read_bytes()[:-6000])
+    data = log.read_bytes()
+    log.write_bytes(data[: data.index(b"rb_dynamics.result")])
     recover(log, tmp_path / "saved.mcap")
     for path in (log, tmp_path / "saved.mcap"):
         found = replay(path)
         assert found.identical
         assert not found.complete
         assert hashes(found) == {"scene_sha256"}, "cut off before its first checkpoint"
+
+
+def test_a_recovered_log_of_which_only_the_summary_was_damaged_is_proven(
+    tmp_path: Path, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No hash was said to prove it, although that of the result did."""
+    data = bytearray(log.read_bytes())
+    data[-60] ^= 0xFF
+    log.write_bytes(data)
+    recover(log, tmp_path / "saved.mcap")
+    found = replay(tmp_path / "saved.mcap")
+    assert (found.identical, found.complete, found.proven_ns) == (True, False, 2_000_000_000)
+    assert main(["replay", str(tmp_path / "saved.mcap")]) == 0
+    assert capsys.readouterr().out.endswith("and the hash at its end proves it\n")
 
 
 def test_whole_files_are_proven_though_the_last_one_has_no_sample_left(tmp_path: Path) -> None:

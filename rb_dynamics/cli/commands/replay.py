@@ -181,9 +181,13 @@ def _facts(found: Replay) -> list[str]:
 
 
 def _verdict(found: Replay, bound: float) -> list[str]:
+    from rb_dynamics.formats.log_metadata import RESULT
+
     if found.identical:
         if found.complete:
             return ["the same to the last bit"]
+        if f"{RESULT}.states_sha256" in found.facts:
+            return ["what is left is the same to the last bit, and the hash at its end proves it"]
         proven = "no hash proves it" if found.proven_ns is None else f"proven only up to {found.proven_ns / 1e9:.9f} s"
         return [f"what is left is the same to the last bit, but {proven}"]
     if not found.software:
