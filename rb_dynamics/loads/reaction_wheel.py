@@ -209,9 +209,10 @@ class ReactionWheel(Actuator):
     def _accept(self, value: float) -> Accepted:
         accepted = clipped(value, self.max_torque if self.command == "torque" else self.max_speed)
         if abs(accepted.value) > self.most:
+            limit = "give" if self.max_torque == math.inf else "a smaller"
             raise WrenchError(
                 f"{self.topic}: {value!r} N m, expected at most {self.most:.3g} N m: the wheel would soon turn by a "
-                "radian in a nanosecond, the unit of time; correct what commands it, or give max_torque"
+                f"radian in a nanosecond, the unit of time; correct what commands it, or {limit} max_torque"
             )
         return accepted
 

@@ -457,6 +457,15 @@ def test_what_is_no_wheel_is_one_clear_error(change: str, to: str) -> None:
     assert len(str(error.value).splitlines()) <= 2
 
 
+@pytest.mark.parametrize(("limit", "remedy"), [(math.inf, "give max_torque"), (1e20, "a smaller max_torque")])
+def test_a_torque_beyond_all_time_names_the_limit_that_would_help(limit: float, remedy: str) -> None:
+    wheel = rb.ReactionWheel(name="w", axis=(0.0, 0.0, 1.0), inertia=1e-3, max_torque=limit)
+    with pytest.raises(
+        rb.WrenchError, match=rf"expected at most 1e\+09 N m: .*; correct what commands it, or {remedy}$"
+    ):
+        wheel.accept(1e15)
+
+
 def test_wheels_that_hold_more_inertia_than_the_body_about_some_direction_are_refused() -> None:
     """Against the smallest eigenvalue of what the body has without them, by another library: in Python and as a scene.
 
