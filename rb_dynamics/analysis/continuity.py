@@ -26,8 +26,9 @@ _TIMES, _SPREADS = 3.0, 10.0
 _LEAST_TURN, _LEAST_PART = 0.02, 1e-3
 # If two samples of one body alternate with one of another, the pose returns at every third sample to within this.
 _RETURNS, _LAST, _NEAR = 0.3, 8, 0.05
-# Noise takes rounded numbers back and forth between values that are so many steps of the rounding apart.
-_STEPS = 5.0
+# Noise takes rounded numbers back and forth between values that are so many steps of the rounding apart, but at most
+# this far: m, rad. Two bodies at rest look like numbers that are rounded to steps as large as their distance.
+_STEPS, _ROUNDED = 5.0, 0.1
 # Two runs of stamps overlap where so many of so many samples in a row come within this part of the usual time, and jump
 # this many times as far as the next two are apart.
 _ROW, _OF_ROW, _DENSE, _JUMPS = 9, 12, 0.75, 3.0
@@ -325,7 +326,7 @@ def _smallest(series: TimeSeries, columns: slice, *, turns: bool) -> float:
     """Return the smallest distance, or angle between attitudes, that is more than rounding."""
     # A turn is twice the change of the quaternion.
     rounded = (2.0 if turns else 1.0) * _step(series, columns)
-    return max(_STEPS * rounded, _LEAST_TURN if turns else 0.0)
+    return max(min(_STEPS * rounded, _ROUNDED), _LEAST_TURN if turns else 0.0)
 
 
 def _step(pose: TimeSeries, columns: slice) -> float:

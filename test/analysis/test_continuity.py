@@ -139,6 +139,20 @@ def test_a_body_whose_position_is_rounded_to_millimetres_is_one(noise: float, wi
     assert (found.jumps, found.returns) == ((), None)
 
 
+@pytest.mark.parametrize("turns", [True, False])
+def test_two_bodies_at_rest_are_no_rounding(turns: bool) -> None:
+    """Without noise, their distance was taken for the step of the rounding."""
+    motion = spin(rate=0.0, speed=0.0)
+    if turns:
+        motion.orientation_xyzw[::2] = motion.turned(1.0)[::2]
+    else:
+        motion.position[::2] += (0.5, 0.0, 0.0)
+    found = continuity(read_track(bag_of(motion, with_twist=False)))
+    assert found is not None
+    assert found.returns is not None
+    assert found.returns.size == pytest.approx(1.0 if turns else 0.5)
+
+
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("with_twist", [True, False])
 def test_two_bodies_on_one_topic_are_no_motion(every: int, with_twist: bool) -> None:
