@@ -258,12 +258,14 @@ class RejectedWrench:
         topic: the channel's topic, as the scene writes it.
         received: the command as received.
         reason: what was found and expected, and the remedy.
+        delayed: whether the command was received, and reported, earlier.
     """
 
     time_ns: int
     topic: str
     received: Wrench
     reason: str
+    delayed: bool = False
 
 
 class CheckedWrench(NamedTuple):
@@ -683,7 +685,7 @@ class WrenchChannels:
                 told.append(replace(self._applied(now_ns, i, orientation), timed_out=True))
         for _, channel, _, (_, received, held, reason, clipped), delayed in due:
             if held is None:
-                told.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason))
+                told.append(RejectedWrench(now_ns, self._channels[channel].topic, received, reason, delayed))
                 continue
             timeout = self._timeout_ns[channel]
             self._follow(channel, _Hold(held, received, now_ns + timeout if timeout else None), now_ns)

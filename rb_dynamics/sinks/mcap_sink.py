@@ -258,8 +258,7 @@ class McapSink:
             if self._writer.between_chunks:
                 self._end_chunk()
         elif isinstance(event, AppliedWrench):
-            if not event.delayed:
-                self._write_received(event)
+            self._write_received(event)
             self._write_applied(event)
         elif isinstance(event, (ReceivedWrench, RejectedWrench)):
             self._write_received(event)
@@ -412,7 +411,8 @@ class McapSink:
 
     def _write_received(self, event: AppliedWrench | ReceivedWrench | RejectedWrench) -> None:
         command = event.received
-        if command is not None and event.topic in self._ids:
+        reported = not isinstance(event, ReceivedWrench) and event.delayed
+        if command is not None and not reported and event.topic in self._ids:
             # Whatever its stamp is, the times of the record are simulation time.
             self._add(event.topic, encode_received(command), event.time_ns)
 

@@ -501,8 +501,7 @@ class _Comparison:
             energies = event.kinetic_energy, event.work, event.potential_energy or 0.0
             self._compare_sample(event.time_ns, self._encode(event), max(map(abs, energies)))
         elif isinstance(event, AppliedWrench):
-            if not event.delayed:
-                self._compare_received(event)
+            self._compare_received(event)
             self._compare_applied(event)
         elif isinstance(event, ReceivedWrench):
             self._compare_received(event)
@@ -624,8 +623,8 @@ class _Comparison:
                 self._found.torn.append(f"{topic} at {time_ns / 1e9:.9f} s: the log says something else on {other}")
 
     def _compare_received(self, event: AppliedWrench | ReceivedWrench | RejectedWrench) -> None:
-        topic = self._facts.names.get(event.topic)
-        if topic in self._certain and event.received is not None:
+        topic, reported = self._facts.names.get(event.topic), not isinstance(event, ReceivedWrench) and event.delayed
+        if topic in self._certain and event.received is not None and not reported:
             self._compare(topic, event.time_ns, encode_received(event.received))
 
     def _compare_applied(self, event: AppliedWrench) -> None:

@@ -79,8 +79,10 @@ def test_the_same_bits(log: Path) -> None:
     assert "rb_dynamics.result.steps" in found.facts
 
 
-def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("delay", ["0.0", "0.013"])
+def test_what_was_too_large_or_clipped_is_so_again(tmp_path: Path, delay: str) -> None:
     text = SCENE.text.replace("timeout: 0.35", "max_force: 2.5, on_excess: clip")
+    text = text.replace("/robot/turn", f"/robot/turn, delay: {delay}")
     huge = [
         ("robot/turn", Wrench((1e308, 0.0, 0.0), stamp_ns=400_000_000)),
         # Possible as a wrench, but not with steps of 10 ms.
