@@ -130,13 +130,9 @@ class ActuatorBank:
             for _, k, _, value in self._to_wheels(told):
                 self.wheels.command(k, value, speeds[k])
 
-    def huge(self, told: Sequence[ActuatorCommand | AppliedWrench]) -> int | None:
-        """Return the place of the largest command of a wheel, if larger than any motor gives: see `HUGE`."""
-        largest, found = HUGE, None
-        for place, _, wheel, value in self._to_wheels(told):
-            if (spin_up := wheel.spin_up(value)) > largest:
-                largest, found = spin_up, place
-        return found
+    def huge(self, told: Sequence[ActuatorCommand | AppliedWrench]) -> list[int]:
+        """Return the places of the commands of wheels that are larger than any motor gives: see `HUGE`."""
+        return [place for place, _, wheel, value in self._to_wheels(told) if wheel.spin_up(value) > HUGE]
 
     def _to_wheels(
         self, told: Sequence[ActuatorCommand | AppliedWrench]

@@ -649,7 +649,7 @@ class WrenchChannels:
     def apply(
         self, now_ns: int, orientation: Quaternion = IDENTITY
     ) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
-        """Apply every change that is due at `now_ns` and return the changes, in order.
+        """Apply what is due at `now_ns`, up to the next command that is `huge`; return the changes, in order.
 
         A command exactly at the time of its channel's timeout takes precedence over it. `orientation` (principal to
         world) is needed for a wrench that changes with a lag from world to body axes.
@@ -662,6 +662,9 @@ class WrenchChannels:
             delay_ns = self._delay_ns[pending.channel]
             if not delay_ns or pending.on_its_way:
                 due.append(pending)
+                # It is tried before a later one of its time replaces it, as where they come one by one.
+                if self._acceleration(pending) > HUGE:
+                    break
                 continue
             # In the order of arrival, rejected ones included.
             topic, (_, received, held, reason, _) = self._channels[pending.channel].topic, pending.command
@@ -675,7 +678,12 @@ class WrenchChannels:
             self.came.append(ReceivedWrench(now_ns, topic, received))
         told: list[AppliedWrench | ReceivedWrench | RejectedWrench] = [*self.came]
         self._done, self._before = due, self._holds.copy()
-        commanded = {pending.channel for pending in due if pending.command.held is not None}
+        still_due = [each for each in self._queue if each.time_ns <= now_ns] if self.is_due(now_ns) else []
+        commanded = {
+            each.channel
+            for each in (*due, *still_due)
+            if each.command.held is not None and (each.on_its_way or not self._delay_ns[each.channel])
+        }
         for i, hold in enumerate(self._holds):
             if hold.transient is not None and hold.transient.end_ns <= now_ns:
                 self._holds[i] = hold._replace(transient=None)
@@ -691,6 +699,10 @@ class WrenchChannels:
             self._follow(channel, _Hold(held, received, now_ns + timeout if timeout else None), now_ns)
             told.append(self._applied(now_ns, channel, orientation, clipped, delayed))
         return told
+
+    def is_due(self, now_ns: int) -> bool:
+        """Return whether a command is left to `apply` at `now_ns`."""
+        return bool(self._queue) and self._queue[0].time_ns <= now_ns
 
     @property
     def huge(self) -> bool:

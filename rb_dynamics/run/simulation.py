@@ -945,11 +945,9 @@ class Simulation:
         self._knots = ahead
         if kink and self.time_ns in self._named_knots:
             self._effects.require_smooth(self._phase.point(self.scene.body), self._named_knots[self.time_ns])
-        orientation = self._phase.orientation
-        changes = self._channels.apply(self.time_ns, orientation)
-        came = self._channels.came
-        while self._channels.huge and not self._goes_on():
-            changes = [*came, *self._channels.apply(self.time_ns, orientation)]
+        changes = self._channels_applied()
+        while self._channels.is_due(self.time_ns):
+            changes += self._channels_applied()
         self._write_changes(changes)
         if self._bank is not None:
             for told in self._drive(self._bank):
@@ -962,6 +960,16 @@ class Simulation:
         while self._moves and self._moves[0].time_ns <= self.time_ns:
             self._move(self._moves.pop(0))
 
+    def _channels_applied(self) -> list[AppliedWrench | ReceivedWrench | RejectedWrench]:
+        """Apply commands up to one that must be tried, but not that one if no step can be taken under it."""
+        orientation = self._phase.orientation
+        changes = self._channels.apply(self.time_ns, orientation)
+        came = self._channels.came
+        while self._channels.huge and not self._goes_on():
+            changes = [*came, *self._channels.apply(self.time_ns, orientation)]
+            came = [*came, *self._channels.came]
+        return changes
+
     def _drive(self, bank: ActuatorBank) -> list[ActuatorCommand | AppliedWrench]:
         """Apply what is due to the actuators, but not the commands of wheels under which no step can be taken."""
         told = bank.apply(self.time_ns)
@@ -969,14 +977,16 @@ class Simulation:
             return told
         before = () if self._wheels is None else self._wheels.now
         turning = self._phase.angular_velocity, self._phase.inner
-        bank.turn(told, *turning)
-        while (place := bank.huge(told)) is not None and (reason := self._obstacle()):
-            refused = told[place] = replace(
-                cast("ActuatorCommand", told[place]), reason=f"not one step can be taken under it: {reason}"
-            )
-            self.taken_back.append(refused)
+        for place in bank.huge(told):
+            # Before a later one of its time replaces it, as where they come one by one.
+            bank.turn(told[: place + 1], *turning)
+            if reason := self._obstacle():
+                refused = told[place] = replace(
+                    cast("ActuatorCommand", told[place]), reason=f"not one step can be taken under it: {reason}"
+                )
+                self.taken_back.append(refused)
             cast("WheelSet", self._wheels).restore(before)
-            bank.turn(told, *turning)
+        bank.turn(told, *turning)
         self._stale |= any(not (isinstance(each, ActuatorCommand) and each.reason) for each in told)
         return told
 

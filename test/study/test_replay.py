@@ -707,6 +707,44 @@ def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp
     assert {*hashes} == {open_result(at_once)}
 
 
+@pytest.mark.parametrize("delay", ["0.0", "0.013"])
+def test_a_command_that_is_replaced_at_its_time_is_tried_as_where_it_comes_alone(tmp_path: Path, delay: str) -> None:
+    """A paused node knows only the first of them when it tries it."""
+    scene = parse_scene(SCENE.text.replace("/robot/turn", f"/robot/turn, delay: {delay}"))
+    huge, small = (Wrench(torque=(size, 0.0, 0.0), stamp_ns=500_000_000) for size in (3e8, 0.1))
+    commands = [("robot/turn", each) for each in (huge, small, huge, small)]
+    simulate(scene, commands, [McapSink(tmp_path / "offline.mcap")])
+    run = Simulation(scene, [McapSink(tmp_path / "node.mcap")])
+    run.start()
+    for topic, wrench in commands:
+        run.advance(500_000_000)
+        run.post(topic, wrench, 500_000_000)
+    run.advance(2_000_000_000)
+    run.finish()
+
+    for path in (tmp_path / "offline.mcap", tmp_path / "node.mcap"):
+        assert replay(path).identical
+        assert len(read_bag(path).wrenches("/robot/turn/applied")) == 2
+    assert open_result(tmp_path / "node.mcap") == open_result(tmp_path / "offline.mcap")
+
+
+def test_a_command_of_a_wheel_that_is_replaced_at_its_time_is_tried_too(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: []\n"
+        "actuators: [{type: reaction_wheel, name: x, axis: [1, 2, 3], inertia: 0.1}]\n"
+        "solver: {method: dop853, step: 0.01}\nduration: 1\noutput_rate: 20\n"
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    run.start()
+    for torque in (1e9, 0.1):
+        run.advance(500_000_000)
+        run.actuate("x/command", torque, 500_000_000)
+    run.advance(1_000_000_000)
+    run.finish()
+    assert len(run.taken_back) == 1
+    assert replay(tmp_path / "run.mcap").identical
+
+
 def test_what_comes_one_by_one_while_time_stands_replays(tmp_path: Path) -> None:
     """As in a paused node: rejected commands between those that a delay keeps waiting, moves between commands."""
     scene = parse_scene(
