@@ -495,7 +495,7 @@ class Model:
         least = np.ceil(TURN / self.turn) if self.others else 1
         steps = np.maximum(least, np.ceil(np.abs(lengths) * self.starts[number].fastest / self.turn)).astype(np.int64)
         numbers, by = self._numbers(z)
-        inverse = np.linalg.inv(rows_of(numbers[:6])).ravel()
+        inverse = _inverse(rows_of(numbers[:6])).ravel()
         moves = int(self.moves[number] or slopes)
         state, columns = self.start_of(z, number)
         mine = self._columns(number) if derivatives else np.zeros(0, dtype=np.int64)
@@ -847,6 +847,14 @@ class _Seen(NamedTuple):
     columns: Array
     slopes: Array
     slopes_by: Array
+
+
+def _inverse(inertia: Array) -> Array:
+    """Return the inverse (3, 3); NaN where a search tries a body so thin that its inertia rounds to a singular one."""
+    try:
+        return np.linalg.inv(inertia)
+    except np.linalg.LinAlgError:
+        return np.full((3, 3), np.nan)
 
 
 def _knots(acting: _Acting, begin: int, times: Sequence[Times]) -> Times:

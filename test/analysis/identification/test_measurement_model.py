@@ -208,6 +208,14 @@ def test_a_motion_that_runs_away_has_no_numbers_and_no_warnings(monkeypatch: pyt
     assert not sane(*stacked(predicted, {each.key: 1e-9 for each in predicted}))
 
 
+def test_a_body_without_a_moment_about_an_axis_has_no_motion() -> None:
+    model = Model(parse_scene("body: {mass: 1.0, inertia: {diagonal: [1.0, 1.0, 1.0]}}"), [every_sensor()], ["inertia"])
+    z = np.zeros(model.layout.count)
+    z[model.layout["shape"].at.start] = 40.0 / model.layout["shape"].scale[0]
+
+    assert not sane(*(each.left for each in model.predict(z)))
+
+
 def with_others() -> Scene:
     """Return the scene with central gravity and a rope to a point of the body, as a plug-in has it."""
     scene = parse_scene(SCENE)
