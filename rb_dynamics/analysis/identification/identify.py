@@ -750,12 +750,22 @@ class _Report:
         A fit may stop anywhere there. Not of initial states, which have none in the scene, and not of the shape of the
         inertia, which is known as a whole or not at all.
         """
-        kept, one = self.z.copy(), np.eye(len(self.z))
+        kept, one = self.z.copy(), self._across_axes
         for name, block in self.model.layout.blocks.items():
             if name != "shape" and not name.startswith("initial["):
                 for k in range(block.at.start, block.at.stop):
                     kept[k] *= np.isfinite(self._error(one[k]))
         return kept
+
+    @functools.cached_property
+    def _across_axes(self) -> Array:
+        """The projection (p, p) of changes that leaves out the lengths of the axes of rotors, which do not count."""
+        found = np.eye(len(self.z))
+        for name in filter(self.model.is_axis, self.model.layout.blocks):
+            at = self.model.layout[name].at
+            axis = self.model.layout[name].values(self.z)
+            found[at, at] -= np.outer(axis, axis) / (axis @ axis)
+        return found
 
     def _error(self, by: Array) -> float:
         """Return the standard error of a number that changes by `by` with the parameters; infinite if unknown."""
@@ -842,12 +852,14 @@ class _Report:
     def _values(self, name: str, group: str) -> list[Parameter]:
         """Return the numbers of a block that stands for itself."""
         block = self.model.layout[name]
-        values = block.values(self._kept)
+        values, one = block.values(self._kept), self._across_axes[block.at]
+        if self.model.is_axis(name):
+            length = np.linalg.norm(values)
+            values, one = values / length, one / length
         shown_name = self._shown(name)
         found = []
         for k, value in enumerate(values.tolist()):
-            by = np.zeros(self.model.layout.count)
-            by[block.at.start + k] = block.scale[k]
+            by = one[k] * block.scale[k]
             axis = f".{'xyz'[k]}" if len(values) == 3 else ""
             found.append(self._parameter(shown_name + axis, value, by, group))
         return found
@@ -882,7 +894,8 @@ class _Report:
         ]
         if not len(columns):
             return []
-        values, vectors = np.linalg.eigh(self.covariance[np.ix_(columns, columns)])
+        covariance = self._across_axes @ self.covariance @ self._across_axes
+        values, vectors = np.linalg.eigh(covariance[np.ix_(columns, columns)])
         directions = vectors[:, values > TOLD**2]
         return [_combination(vector, names) for vector in _simple(directions).T]
 

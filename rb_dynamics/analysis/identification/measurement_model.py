@@ -419,6 +419,11 @@ class Model:
         }.get(name.rpartition(".")[2], max(1.0, float(np.abs(start).max())))
         self.layout.add(key, np.full(len(start), scale), start)
 
+    def is_axis(self, name: str) -> bool:
+        """Return whether a block is the axis of a rotor, of which only the direction counts."""
+        number, _, key = name.removeprefix("effects[").partition("].")
+        return key == "axis_body" and isinstance(self.scene.effects[int(number)], Rotor)
+
     def effects(self, z: Array) -> dict[str, Array]:
         """Return the fitted numbers of effects by their dotted keys."""
         return {name: block.values(z) for name, block in self.layout.blocks.items() if name.startswith("effects[")}

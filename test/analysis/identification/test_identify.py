@@ -110,6 +110,21 @@ def test_a_flat_body_is_known_from_a_log_without_noise(rotor_log: Path) -> None:
     within(found, "inertia", np.diag([1.0, 2.0, 3.0]))
 
 
+def test_the_axis_of_a_rotor_is_found(rotor_log: Path) -> None:
+    """Its length, which does not count, was not determined, so that the axis was not either and kept its value."""
+    axis = np.array([0.2, 2.0, -0.3])
+    scene = parse_scene(ROTOR, "rough", {"effects[0].axis_body": axis.tolist()})
+    found = identify(scene, rotor_log, ["effects[0].axis_body"])
+
+    assert found.passed
+    assert not any("axis_body" in each for each in found.unknown_combinations)
+    values = [each.value for each in found.parameters if "axis_body" in each.name]
+    assert values == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
+    rotor = found.scene.effects[0]
+    assert isinstance(rotor, Rotor)
+    assert np.array(rotor.axis_body) / np.linalg.norm(rotor.axis_body) == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
+
+
 @pytest.mark.parametrize("center", [[0.0, 0.0, 0.0], [0.05, 0.0, -0.02]])
 def test_a_body_is_found_from_a_log_whose_position_stays_at_zero(rotor_log: Path, center: list[float]) -> None:
     """Zero was taken to be exact, so that a centre of mass off by anything was no motion."""
