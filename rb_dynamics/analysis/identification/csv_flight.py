@@ -175,7 +175,7 @@ def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str
         if quantity not in _TIMES:
             found[quantity] = table[:, at : at + len(places)]
             at += len(places)
-            of = {each for each, seen in zip(origins, np.isfinite(found[quantity]).any(axis=1), strict=True) if seen}
+            of = {origins[row] for row in np.flatnonzero(np.isfinite(found[quantity]).any(axis=1)).tolist()}
             if len(of) > 1:
                 one, other, *_ = (" ".join(filter(None, each)) for each in sorted(of))
                 raise LogError(
