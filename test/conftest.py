@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # The folders whose tests take longest, one by one or all together.
 FIRST = ("ros", "packaging", "benchmarks", "docs", "motion", "study", "verification")
-# As the session was started.
+# As pytest was started.
 NICE = os.nice(0)
 OPTIONAL = {"PIL", "mcap", "rerun", "rosbags", "zstandard"}
 MODULES = {"rerun-sdk": "rerun", "imageio-ffmpeg": "imageio_ffmpeg"}
