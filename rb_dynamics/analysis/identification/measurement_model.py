@@ -857,7 +857,7 @@ class _Seen(NamedTuple):
 def _inverse(inertia: Array) -> Array:
     """Return the inverse (3, 3); NaN where a search tries a body so thin that its inertia rounds to a singular one."""
     try:
-        return np.linalg.inv(inertia)
+        return np.asarray(np.linalg.inv(inertia), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full((3, 3), np.nan)
 
