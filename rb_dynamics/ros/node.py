@@ -78,6 +78,8 @@ from rb_dynamics.sinks.failure_guard import GuardedSink
 _LONGEST_SLEEP, _BETWEEN_SPINS, _LONGEST_SPIN = 0.006, 0.1, 0.005
 # s before an output: commands that arrived until then are computed before the output is due, and do not delay it.
 _LAST_LOOK = 0.0004
+# s for the answers to those who wait for the last output.
+_LAST_ANSWERS = 1.0
 # s that a publisher may take longer than a reader until each has found the other.
 _FINDS_S = 1.0
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
@@ -676,8 +678,10 @@ def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop:
         # A command carries its arrival time, so it acts no later for being taken late.
         for node in running:
             node.tick()
-    # What waited for the last output is answered.
-    spin_some(executor)
+    # Who waits for the last output is answered; the executor may have other things to do first.
+    give_up = time.monotonic() + _LAST_ANSWERS
+    while any(node.runner.unanswered for node in nodes) and time.monotonic() < give_up:
+        spin_some(executor)
 
 
 def spin_some(executor: SingleThreadedExecutor) -> None:

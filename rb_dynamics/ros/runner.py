@@ -75,6 +75,8 @@ class Runner:
         self.paused, self.stopped, self._quitting = mode.start_paused, False, False
         # Number of events that may have interrupted requested steps.
         self.interruptions = 0
+        # Number of callers that wait for steps.
+        self._callers = 0
         self._topics = tuple(channel.topic for channel in scene.channels)
         # What time waits for, and for how many seconds it has.
         self._wait, self._waited = "", 0
@@ -111,6 +113,11 @@ class Runner:
     def behind(self) -> bool:
         """Whether there is something to compute before the present time."""
         return (self.simulation.computed_ns < self._goal_ns or self.steps_left > 0) and not self.done
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether callers wait for steps that are computed."""
+        return self._callers > 0 and not self.behind
 
     @property
     def scene(self) -> Scene:
@@ -226,7 +233,9 @@ class Runner:
         """Let time advance as `step` does; when that is done, return why it was not, or ""."""
         before, interruptions = self.simulation, self.interruptions
         self.step(count)
+        self._callers += 1
         await self._until_stepped()
+        self._callers -= 1
         if self.simulation is not before:
             return "the simulation was reset meanwhile"
         if self.interruptions != interruptions:

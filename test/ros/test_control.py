@@ -306,6 +306,13 @@ def test_the_last_step_of_a_run_is_answered(scene: Path, peer: Peer) -> None:
         assert node.wait() == 0
 
 
+def test_a_last_step_that_takes_many_bursts_is_answered(scene: Path, peer: Peer) -> None:
+    scene.write_text(f"{scene.read_text().replace('0.005', '0.000001')}duration: 0.01\n")
+    with running(scene, start_paused=True) as node:
+        assert peer.call("rigid_body/step", Trigger.Request()).success
+        assert node.wait() == 0
+
+
 def test_a_best_effort_commander_is_heard_beside_a_reliable_one_each_command_once(scene: Path, peer: Peer) -> None:
     with running(scene) as node:
         diagnostics = peer.diagnostics()
