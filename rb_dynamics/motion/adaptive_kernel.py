@@ -101,8 +101,8 @@ def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room:
     strides = reached = 0
     while strides < count:
         chosen = _choose(goal, learnt, phase, constants)
-        steady = max(float(chosen.length), chosen.learnt.step * NANOSECONDS)
-        if chosen.length == 0 or rounding(goal, phase, steady) > goal.accuracy or not is_finite(chosen.after):
+        lost = rounding(goal, phase, chosen.length, chosen.learnt.step)
+        if chosen.length == 0 or lost > goal.accuracy or not is_finite(chosen.after):
             break
         if chosen.length > room - reached:
             return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)

@@ -51,6 +51,9 @@ class Advance(Protocol):
 MOST_STEPS = 10**12
 """Largest number of fixed steps in one run: compiled, they take days."""
 
+MOST_GROWTH = 5.0
+"""A stride is at most so many times as long as the one before."""
+
 _EPSILON = 2.0**-52
 
 # Share of the accuracy that step doubling uses, because errors grow faster than linearly while a body flips. A pair
@@ -343,7 +346,7 @@ class AccuracyControl:
             )
         # Steps that are short because of a gradual change of the load need not stay short after it.
         lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
-        _require_reachable(lasting, phase, max(length, learnt.step * NANOSECONDS))
+        _require_reachable(lasting, phase, length, learnt.step)
         self.following = learnt
         return length, after
 
@@ -426,10 +429,10 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
 
 def following_step(goal: Goal, allowed: float, error: float, h: float) -> float:
     """Return the length (s) of the stride to try after one of h s with this error."""
-    following = 5.0 * h
+    following = MOST_GROWTH * h
     if error > 0.0:
         factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
-        following = h * min(5.0, max(0.2, factor))
+        following = h * min(MOST_GROWTH, max(0.2, factor))
     return following
 
 
@@ -473,15 +476,19 @@ def by_method(goal: Goal, learnt: Learnt, phase: PhaseState, advance: Any) -> St
     return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
 
 
-def rounding(goal: Goal, phase: PhaseState, length: float) -> float:
-    """Return the rounding error at the end of the run: each step of `length` ns rounds the rate, as in a random walk.
+def rounding(goal: Goal, phase: PhaseState, length: int, following: float) -> float:
+    """Return the rounding error at the end of the run: each step rounds the rate, as in a random walk.
 
-    0 for an open-ended run, which must not be refused because of rounding over a merely assumed horizon.
+    `length` (ns) is that of a stride, and `following` (s) that of the next one; the longer of them stands for the rest.
+    0 while strides grow as fast as they may, as those after commands in quick succession: their length says nothing
+    about the rest. 0 also for an open-ended run, which must not be refused because of rounding over a merely assumed
+    horizon.
     """
-    if not goal.ends:
+    h = length / NANOSECONDS
+    if not goal.ends or following >= MOST_GROWTH * h:
         return 0.0
     rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
-    return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / (length / NANOSECONDS)))
+    return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / max(h, following)))
 
 
 def closed_form_rounding(turned: float, start: PhaseState, end: PhaseState, h: float) -> float:
@@ -593,18 +600,19 @@ def _rest(goal: Goal, phase: PhaseState) -> float:
     return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
-def _require_reachable(goal: Goal, phase: PhaseState, length: float) -> None:
-    """Refuse an accuracy that rounding alone exceeds, with strides of `length` ns from `phase` on.
+def _require_reachable(goal: Goal, phase: PhaseState, length: int, following: float = 0.0) -> None:
+    """Refuse an accuracy that rounding alone exceeds after a stride of `length` ns from `phase` on; see `rounding`.
 
     Raises:
         ConvergenceError: names the accuracy that can be reached.
     """
-    error = rounding(goal, phase, length)
+    error = rounding(goal, phase, length, following)
     if error > goal.accuracy:
-        jumps = length < _SHORT
+        steady = max(length / NANOSECONDS, following)
+        jumps = steady * NANOSECONDS < _SHORT
         raise ConvergenceError(
             f"accuracy {goal.accuracy:g} cannot be kept: at {norm(phase.angular_velocity):.3g} rad/s in steps of "
-            f"{length / NANOSECONDS:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
+            f"{steady:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
             f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
             "order, which takes longer steps"
             + "; or a load is discontinuous there, and its effect should name it in knots() and choose by `start`"

@@ -37,7 +37,15 @@ from rb_dynamics.motion.kernel_layout import CONSTANTS, PHASE, constants_in, pha
 from rb_dynamics.motion.method import Increment, Method
 from rb_dynamics.motion.phase_state import MOMENTUM, POSITION, PhaseState, elapsed, grown, is_finite, total, two_sum
 from rb_dynamics.motion.stateful_kernel import MOST_STAGES, ROWS, WHEELS
-from rb_dynamics.motion.step_control import Discrepancy, Goal, discrepancy, errors_of, following_step, rounding
+from rb_dynamics.motion.step_control import (
+    MOST_GROWTH,
+    Discrepancy,
+    Goal,
+    discrepancy,
+    errors_of,
+    following_step,
+    rounding,
+)
 from rb_dynamics.motion.wheel_arcs_kernel import (
     ARRIVED,
     AT_GRID_POINT,
@@ -303,7 +311,7 @@ def _compare(m: Numbers, s: Numbers, r: Numbers, other: Numbers, f: Numbers, h: 
         most = max(2.0 * found.sine / found.cosine + found.turned, found.position)
         small = (most * _SMALL <= allowed) & (goal.noise == 0.0)
         good = is_finite(end) & is_finite(second) & math.isfinite(most)
-        m[_ALLOWED, o], m[_ERROR, o], m[_FOLLOWING, o] = allowed, 0.0 if small else math.inf, 5.0 * h
+        m[_ALLOWED, o], m[_ERROR, o], m[_FOLLOWING, o] = allowed, 0.0 if small else math.inf, MOST_GROWTH * h
         m[_ACCEPTED, o] = 1.0 if good else 0.0
 
 
@@ -345,7 +353,7 @@ def _accept(
             here = Point(elapsed(start), total(start, POSITION), velocity, start.orientation, start.angular_velocity)
             sight = time_to_fall(_attraction(e, o), here)
         goal, omega = _goal(f, o), end.angular_velocity
-        lost = rounding(goal, start, max(float(length), m[_FOLLOWING, o] * NANOSECONDS))
+        lost = rounding(goal, start, length, m[_FOLLOWING, o])
         above, sums = -math.inf, dot(momentum, scale(inverse, momentum)) + dot(omega, times(moments, omega))
         for k in range(_M):
             w[_STATES + k, o] = w[_HIGH + k, o] + w[_LOW + k, o]

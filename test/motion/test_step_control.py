@@ -21,7 +21,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.effect import Effect, Point
 from rb_dynamics.loads.varying_load import Load, LoadDependence
-from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc, Stepper
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
@@ -484,6 +484,26 @@ class TestWhereRoundingHidesTheError:
 
         assert found is not None
         self.small_torque("dmv104", float(found[1])).at(NANOSECONDS)
+
+    @pytest.mark.parametrize("method", ["auto", "cf4", "dop853", "dverk"])
+    @pytest.mark.parametrize("stamps", [(0, 1, 2), (500_000_000, 500_000_001, 500_000_002)])
+    def test_commands_in_quick_succession_say_nothing_about_the_steps_after_them(
+        self, method: str, stamps: tuple[int, ...]
+    ) -> None:
+        """The first stride of an arc is as short as the one before, and the next ones grow from it."""
+        scene = parse_scene(
+            "body: {mass: 1, inertia: {diagonal: [1, 1.2, 1.5]}}\n"
+            "initial: {angular_velocity_body: [5, 0.1, 0.2]}\n"
+            "effects: [{type: linear_drag, rotation: 0.001}]\n"
+            f"solver: {{method: {method}, accuracy: 1.0e-10}}\n"
+            "duration: 5.5\n"
+        )
+        commands = [("wrench", Wrench(torque=(0.1, 0.0, 0.01 * k), stamp_ns=ns)) for k, ns in enumerate(stamps)]
+        late = [("wrench", replace(command, stamp_ns=stamps[-1])) for _, command in commands[-1:]]
+
+        end, nearly = (simulate(scene, these).sample for these in (commands, late))
+
+        assert np.abs(np.subtract(end.orientation_xyzw, nearly.orientation_xyzw)).max() < 1e-8
 
     def small_torque(self, method: str, accuracy: float) -> Arc:
         body = RigidBody.from_diagonal(2.0, (1.0, 1.5, 2.0))
