@@ -94,7 +94,7 @@ class Store:
     def _count_runs(self) -> int:
         """Return how many runs the file at `path` holds, which must be the first ones, in order."""
         with _readable(self.path, _NO_ROWS):
-            found = self._parquet.read_table(self.path, columns=["run"])["run"].to_pylist()
+            found = _table_in(self.path, columns=["run"])["run"].to_pylist()
         if found != list(range(len(found))):
             place, run = next((place, run) for place, run in enumerate(found) if run != place)
             raise LogError(
@@ -197,7 +197,9 @@ class Store:
         writer, waiting = None, None
         for table in self._tables():
             waiting = table if waiting is None else pa.concat_tables([waiting, table])
-            writer = writer or self._parquet.ParquetWriter(target, table.schema, compression="zstd")
+            writer = writer or self._parquet.ParquetWriter(
+                target, table.schema, compression="zstd", write_page_checksum=True
+            )
             while waiting.num_rows >= ROWS:
                 # As one chunk; otherwise the pages of the file would depend on the blocks.
                 writer.write_table(waiting.slice(0, ROWS).combine_chunks(), ROWS)
@@ -240,7 +242,7 @@ def read_rows(path: str | os.PathLike[str]) -> Columns:
         MissingExtraError: pyarrow is not installed.
     """
     with _readable(path, _NO_ROWS):
-        table = _parquet().read_table(path)
+        table = _table_in(path)
     return {name: table[name].to_pylist() if name == "error" else table[name].to_numpy() for name in table.column_names}
 
 
@@ -252,7 +254,7 @@ def read_row(path: str | os.PathLike[str], run: int) -> dict[str, Any] | None:
         MissingExtraError: pyarrow is not installed.
     """
     with _readable(path, _NO_ROWS):
-        rows: list[dict[str, Any]] = _parquet().read_table(path, filters=[("run", "==", run)]).to_pylist()
+        rows: list[dict[str, Any]] = _table_in(path, filters=[("run", "==", run)]).to_pylist()
     return rows[0] if rows else None
 
 
@@ -267,6 +269,11 @@ def read_facts(path: str | os.PathLike[str]) -> Facts:
         metadata = _parquet().read_schema(path).metadata or {}
         facts: Facts = json.loads(metadata.get(_METADATA, b"{}"))
     return facts
+
+
+def _table_in(path: str | os.PathLike[str], **which: Any) -> Any:
+    """Return the rows of a file, with the checksums of its pages verified; `which` columns or rows, by default all."""
+    return _parquet().read_table(path, page_checksum_verification=True, **which)
 
 
 def _read_json(path: Path) -> Facts:

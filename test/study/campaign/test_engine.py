@@ -433,6 +433,22 @@ def test_damaged_parts_are_refused(
     assert out.read_bytes() == fly(campaign, tmp_path / "whole.parquet")
 
 
+@pytest.mark.usefixtures("_no_page")
+@pytest.mark.parametrize("more", [[], ["--runs", "30"], ["--rerun", "5"]])
+def test_damaged_rows_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]) -> None:
+    """A bit in a number would give other statistics, in silence."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    data = bytearray(fly(campaign, out))
+    rows, group = parquet.read_table(out), parquet.read_metadata(out).row_group(0)
+    column = group.column(rows.column_names.index("worst_energy"))
+    data[column.data_page_offset + column.total_compressed_size - 5] ^= 1
+    out.write_bytes(data)
+    assert parquet.read_table(out) != rows
+    assert main(["campaign", str(campaign), "--out", str(out), "--workers", "0", *more]) == 2
+    assert "rb-dynamics: cannot read" in capsys.readouterr().err
+
+
 def test_a_damaged_part_that_is_removed_is_flown_again(tmp_path: Path) -> None:
     campaign, out = write(tmp_path), tmp_path / "rows.parquet"
     parts = interrupted(campaign, out)
