@@ -204,7 +204,7 @@ def symmetric_top(body: RigidBody, angular_velocity_body: Vector) -> SymmetricTo
     """Return the precession of a symmetric `body` that turns with this angular velocity (rad/s, body axes).
 
     Page 33, I1 = I2 != I3; Landau & Lifshitz, Mechanics, sections 33 and 36. The cone of w in the body, with half angle
-    `body_cone`, rolls on the one in space, with `space_cone`. Moments within `doctor.SAME_MOMENT` count as equal and
+    `body_cone`, rolls on the one in space, with `space_cone`. Moments within `plausibility.SAME_MOMENT` count as equal and
     are replaced by their mean.
 
     Raises:
@@ -232,7 +232,7 @@ def symmetric_rotation(body: RigidBody, state: State, t: npt.ArrayLike) -> Rotat
     """Return the free rotation of a symmetric `body` from `state`: R(t) = R(0) exp(t L / I1) exp(-t body_rate axis).
 
     `t` (s) is a number or an array of any shape and sign. See `symmetric_top`; if two moments are equal only within
-    `doctor.SAME_MOMENT`, the attitude is off by up to that times |w| t.
+    `plausibility.SAME_MOMENT`, the attitude is off by up to that times |w| t.
 
     Raises:
         BodyError: the body has three different moments, or three equal ones.
