@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any, TextIO, cast
 
 from rb_dynamics.cli.parser import Parser
-from rb_dynamics.errors import RigidBodyError, did_you_mean
+from rb_dynamics.errors import LogError, RigidBodyError, did_you_mean
 from rb_dynamics.run.stop_signals import Stopped, interrupted_by_signals
 
 COMMANDS = (
@@ -96,9 +96,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.command != "node":
         gc.set_threshold(_OBJECTS)
     try:
-        with interrupted_by_signals(), contextlib.redirect_stdout(cast(TextIO, _WhileRead(sys.stdout))):
-            code: int = args.run(args)
-            sys.stdout.flush()
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, interrupted_by_signals():
+            # There is no stdout under `>&-`, as a daemon may start a command.
+            stream = cast(TextIO, _WhileRead(sys.stdout or nowhere))
+            with contextlib.redirect_stdout(stream):
+                code: int = args.run(args)
+                sys.stdout.flush()
     except RigidBodyError as error:
         print(f"rb-dynamics: {error}", file=sys.stderr)
         return 2
@@ -110,7 +113,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _WhileRead:
-    """A stream that drops what is printed once the reader of a pipe has gone (`| head`): the exit code stays true."""
+    """A stream that drops what is printed once the reader of a pipe has gone (`| head`): the exit code stays true.
+
+    Output that is lost to a full disk is an error.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -118,22 +124,24 @@ class _WhileRead:
     def write(self, text: str) -> int:
         try:
             return self._stream.write(text)
-        except BrokenPipeError:
-            self._give_up()
+        except OSError as error:
+            self._give_up(error)
             return len(text)
 
     def flush(self) -> None:
         try:
             self._stream.flush()
-        except BrokenPipeError:
-            self._give_up()
+        except OSError as error:
+            self._give_up(error)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
-    def _give_up(self) -> None:
+    def _give_up(self, error: OSError) -> None:
         # What is still in its buffer goes nowhere, too: the flush at exit must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise LogError(f"cannot print the output: {error.strerror or error}; let it go elsewhere") from error
 
 
 def _parsed(top: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace | None:

@@ -177,6 +177,25 @@ def test_the_verdict_stands_when_nobody_reads_on(scene: Path, tmp_path: Path, bo
     assert (ended.returncode, ended.stderr) == (int(bound < 1.0), "")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_output_that_finds_no_room_is_an_error(scene: Path, options: tuple[str, ...]) -> None:
+    """It was a traceback and the exit code of a check that failed."""
+    line = [sys.executable, "-m", "rb_dynamics", "simulate", str(scene), *options]
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].startswith("rb-dynamics: cannot print the output: No space left on device; ")
+
+
+def test_a_command_without_output_runs(scene: Path, tmp_path: Path) -> None:
+    """As a daemon may start it."""
+    line = [sys.executable, "-m", "rb_dynamics", "simulate", str(scene), "--mcap", str(tmp_path / "run.mcap")]
+    ended = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *line], stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
+    assert command("replay", tmp_path / "run.mcap").returncode == 0
+
+
 class TestSet:
     """`--set` works for every key, also for those with an option of their own."""
 
