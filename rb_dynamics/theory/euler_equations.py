@@ -204,8 +204,8 @@ def symmetric_top(body: RigidBody, angular_velocity_body: Vector) -> SymmetricTo
     """Return the precession of a symmetric `body` that turns with this angular velocity (rad/s, body axes).
 
     Page 33, I1 = I2 != I3; Landau & Lifshitz, Mechanics, sections 33 and 36. The cone of w in the body, with half angle
-    `body_cone`, rolls on the one in space, with `space_cone`. Moments within `plausibility.SAME_MOMENT` count as equal and
-    are replaced by their mean.
+    `body_cone`, rolls on the one in space, with `space_cone`. Moments within `plausibility.SAME_MOMENT` count as equal
+    and are replaced by their mean.
 
     Raises:
         BodyError: the body has three different moments, or three equal ones and therefore no axis.
