@@ -259,6 +259,8 @@ class McapFile:
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
     _summary_damaged: bool = False
+    # Whether the chunk read last is.
+    _broken: bool = False
     _data_end: int = 0
     _counts: Counter[str] = field(default_factory=Counter)
     _statistics: dict[str, int] = field(default_factory=dict)
@@ -583,9 +585,18 @@ class McapFile:
                 yield opcode, file.read(length)
                 if opcode == Opcode.FOOTER:
                     return
+                length = self._up_to_next(file, start, length, size)
             else:
                 file.seek(length, os.SEEK_CUR)
             start += length
+
+    def _up_to_next(self, file: BinaryIO, start: int, length: int, size: int) -> int:
+        """Go on behind a record: if it is a chunk that lost bytes, the next one begins before its end."""
+        following = _first(_is_chunk, file, start, start + length, size) if self._broken else None
+        self._broken = False
+        end = start + length if following is None else following
+        file.seek(end)
+        return end - start
 
     def _after_damage(self, file: BinaryIO, start: int, size: int, chunked: bool) -> int | None:
         """Return where to go on, to salvage, behind a place that is no record's; None where nothing follows.
@@ -598,9 +609,9 @@ class McapFile:
             if _has_end(file, start, size):
                 raise self._damage(f"has no record at {place}, but more after it")
             return None
-        following = _first(_is_chunk, file, start, size)
+        following = _first(_is_chunk, file, start, size, size)
         if following is None and not chunked:
-            following = _first(_in_a_row, file, start, size)
+            following = _first(_in_a_row, file, start, size, size)
         if following is not None:
             self.damage.append(str(self._damage(f"has no record at {place}, and the next at {following}")))
             gone = (times for at, times in self._chunks.items() if place <= at < following)
@@ -640,6 +651,7 @@ class McapFile:
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
                 raise
+            self._broken = True
             self.damage.append(str(error))
             with contextlib.suppress(LogError):
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
@@ -851,15 +863,17 @@ def require_file(path: Path) -> None:
         )
 
 
-def _first(is_one: Callable[[BinaryIO, int, int], bool], file: BinaryIO, start: int, size: int) -> int | None:
-    """Return the first place from `start` on where `is_one` finds a record; None if there is none.
+def _first(
+    is_one: Callable[[BinaryIO, int, int], bool], file: BinaryIO, start: int, stop: int, size: int
+) -> int | None:
+    """Return the first place from `start` on, before `stop`, where `is_one` finds a record; None if there is none.
 
     Does not move the position in the file.
     """
     found, at = None, start
-    while found is None and at < size:
+    while found is None and at < stop:
         file.seek(at)
-        part = file.read(2**20)
+        part = file.read(min(2**20, stop + 8 - at))
         raw = np.frombuffer(part, np.uint8)
         # Of a record that is neither huge nor of another kind; few other bytes look like it.
         likely = (raw[:-8] > 0) & (raw[:-8] <= max(Opcode)) & (raw[6:-2] == 0) & (raw[7:-1] == 0) & (raw[8:] == 0)

@@ -21,7 +21,7 @@ from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 
 
 def _places(data: bytes, opcode: int) -> list[int]:
@@ -78,6 +78,23 @@ def test_a_zeroed_first_chunk_loses_only_its_own_messages(
     assert saved.state == "damaged"
     assert saved.damage
     assert saved.missing == [(0, first.message_end_time)]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("lost", [1, 40, 500])
+def test_bytes_lost_in_a_chunk_cost_no_chunk_behind_it(tmp_path: Path, compression: CompressionType, lost: int) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(500)]
+    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=5000, compression=compression, index_types=IndexType.NONE)
+    data = whole.read_bytes()
+    place = _places(data, Opcode.CHUNK)[3]
+    begin, end = struct.unpack_from("<QQ", data, place + 9)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: place + 100] + data[place + 100 + lost :])
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    found = read_bag(tmp_path / "saved.mcap").wrenches("/w")
+    expected = read_bag(whole).wrenches("/w")
+    assert found == expected[:begin] + expected[end + 1 :]
+    assert saved.missing == [(begin, end)]
 
 
 @pytest.mark.parametrize("folder", [False, True])

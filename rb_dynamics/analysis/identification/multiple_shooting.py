@@ -131,7 +131,8 @@ def joined(model: Model, starts: Sequence[Array], noise: dict[Key, float], far: 
         raise LogError(
             f"{', '.join(dict.fromkeys(flight.name for flight in model.flights))}: found no motion that follows the "
             f"attitudes of {', '.join(topics)}, not even over segments in which the body turns by about {TURN:g} rad, "
-            "expected attitudes of one body; write quaternions from angles in radians, or leave them out"
+            "expected attitudes of one body, times in seconds, and a scene with all that acts; write quaternions from "
+            "angles in radians, name the unit of times, add what is missing, such as gravity, or leave attitudes out"
         )
     found, loosest = at, _LOOSE[0]
     for loose in _LOOSE[1:]:
