@@ -101,8 +101,7 @@ def run(constants: _Acting, goal: Goal, learnt: Learnt, phase: PhaseState, room:
     strides = reached = 0
     while strides < count:
         chosen = _choose(goal, learnt, phase, constants)
-        lost = rounding(goal, phase, chosen.length, chosen.learnt.step)
-        if chosen.length == 0 or lost > goal.accuracy or not is_finite(chosen.after):
+        if chosen.length == 0 or rounding(goal, phase, chosen.steady) > goal.accuracy or not is_finite(chosen.after):
             break
         if chosen.length > room - reached:
             return Progress(strides, reached, phase, learnt, chosen.length, chosen.after, chosen.learnt)
@@ -127,7 +126,7 @@ def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants:
     slowing, sight = load_scales(effects, _here(inertia, phase))
     sight = min(sight, sight_of_transients(effects, phase.high[13], phase.low[13]))
     if not sight > 0.0:
-        return Stride(0, phase, learnt, 0.0)
+        return Stride(0, phase, learnt, 0.0, 0.0)
     g, known = goal, learnt
     goal = Goal(g.accuracy, g.horizon, g.ends, g.mass, g.order, g.errors, g.share, g.x, g.y, g.z, slowing, g.noise)
     step = min(step, max(sight, 1.0 / NANOSECONDS))
@@ -139,7 +138,7 @@ def _by_trial_in_sight(goal: Goal, learnt: Learnt, phase: PhaseState, constants:
 def _by_method(goal: Goal, learnt: Learnt, phase: PhaseState, constants: _Acting) -> Stride:
     """Return a stride chosen by the method itself, and take it."""
     chosen = by_method(goal, learnt, phase, constants)
-    return Stride(chosen.length, _stepped(constants, phase, chosen.length / NANOSECONDS), learnt, 0.0)
+    return Stride(chosen.length, _stepped(constants, phase, chosen.steady), learnt, 0.0, chosen.steady)
 
 
 def _halves_and_whole(constants: _Acting, phase: PhaseState, h: float) -> tuple[PhaseState, PhaseState]:

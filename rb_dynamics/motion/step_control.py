@@ -129,12 +129,14 @@ class Stride(NamedTuple):
         after: the phase at its end if it was taken to choose it, otherwise that at its start.
         learnt: state of step control after it.
         error: the error that it adds.
+        steady: length (s) of those to come, as far as it shows; infinite if they grow as fast as they may.
     """
 
     length: int
     after: PhaseState
     learnt: Learnt
     error: float
+    steady: float
 
 
 class StepControl(Protocol):
@@ -250,14 +252,14 @@ class OwnControl:
         Raises:
             ConvergenceError: not even a step of 1 ns meets the accuracy.
         """
-        length = by_method(self.goal, self.learnt, phase, advance).length
-        if length == 0:
+        chosen = by_method(self.goal, self.learnt, phase, advance)
+        if chosen.length == 0:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"would have to be shorter than 1 ns; {_TOO_FAST}"
             )
-        _require_reachable(self.goal, phase, length)
-        return length, None
+        _require_reachable(self.goal, phase, chosen.steady)
+        return chosen.length, None
 
     def begin(self) -> None:
         """Do nothing: every step is chosen independently."""
@@ -330,7 +332,7 @@ class AccuracyControl:
         goal = self.goal._replace(slowing=advance.slowing(phase))
         step = self.learnt.step or advance.steady(phase, first_guess(self.goal, phase))
         known = self.learnt._replace(step=min(step, max(advance.sight(phase), 1.0 / NANOSECONDS)))
-        length, after, learnt, error = by_trial(goal, known, phase, trials)
+        length, after, learnt, error, steady = by_trial(goal, known, phase, trials)
         if length == 0 and trials.refused is not None:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s not "
@@ -346,7 +348,7 @@ class AccuracyControl:
             )
         # Steps that are short because of a gradual change of the load need not stay short after it.
         lasting = self.goal._replace(horizon=min(self.goal.horizon, advance.settled))
-        _require_reachable(lasting, phase, length, learnt.step)
+        _require_reachable(lasting, phase, steady)
         self.following = learnt
         return length, after
 
@@ -399,6 +401,7 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
     `trials` is passed to `_attempt`: in a kernel, body and wrench.
     """
     h = learnt.step if learnt.step > 0.0 else first_guess(goal, phase)
+    first = True
     while True:
         length = max(1, round(min(h * NANOSECONDS, _LONGEST)))
         h = length / NANOSECONDS
@@ -420,11 +423,12 @@ def by_trial(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any) -> Stri
                 kept,
                 Learnt(following, farthest, learnt.resolved_stride, learnt.resolved_error, learnt.until),
                 error,
+                steady_length(h, following, first),
             )
         if length == 1:
-            return Stride(0, phase, learnt, error)
+            return Stride(0, phase, learnt, error, h)
         # Some nanoseconds less may round to the same length.
-        h = min(following, (length - 1) / NANOSECONDS)
+        h, first = min(following, (length - 1) / NANOSECONDS), False
 
 
 def following_step(goal: Goal, allowed: float, error: float, h: float) -> float:
@@ -434,6 +438,15 @@ def following_step(goal: Goal, allowed: float, error: float, h: float) -> float:
         factor = 0.9 * (allowed / error) ** (1.0 / goal.order)
         following = h * min(MOST_GROWTH, max(0.2, factor))
     return following
+
+
+def steady_length(h: float, following: float, first: bool) -> float:
+    """Return the length (s) of strides after one of h s; infinite if it says nothing about them.
+
+    That is so if the `first` trial was good, and the next one may grow in full: after commands in quick succession,
+    strides are as short as those, and grow again.
+    """
+    return math.inf if first and following >= MOST_GROWTH * h else max(h, following)
 
 
 def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float, noise: float) -> Learnt:
@@ -473,22 +486,19 @@ def by_method(goal: Goal, learnt: Learnt, phase: PhaseState, advance: Any) -> St
     rest = _rest(goal, phase)
     # The same share of the accuracy for each second; errors grow for the rest of the run.
     longest = _longest_step(advance, phase, goal.accuracy * rest / goal.horizon, rest) * NANOSECONDS
-    return Stride(int(min(longest, _LONGEST)) if longest >= 1.0 else 0, phase, learnt, 0.0)
+    length = int(min(longest, _LONGEST)) if longest >= 1.0 else 0
+    return Stride(length, phase, learnt, 0.0, length / NANOSECONDS)
 
 
-def rounding(goal: Goal, phase: PhaseState, length: int, following: float) -> float:
-    """Return the rounding error at the end of the run: each step rounds the rate, as in a random walk.
+def rounding(goal: Goal, phase: PhaseState, steady: float) -> float:
+    """Return the rounding error at the end of the run: each step of `steady` s rounds the rate, as in a random walk.
 
-    `length` (ns) is that of a stride, and `following` (s) that of the next one; the longer of them stands for the rest.
-    0 while strides grow as fast as they may, as those after commands in quick succession: their length says nothing
-    about the rest. 0 also for an open-ended run, which must not be refused because of rounding over a merely assumed
-    horizon.
+    0 for an open-ended run, which must not be refused because of rounding over a merely assumed horizon.
     """
-    h = length / NANOSECONDS
-    if not goal.ends or following >= MOST_GROWTH * h:
+    if not goal.ends:
         return 0.0
     rest, rate = _rest(goal, phase), norm(phase.angular_velocity)
-    return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / max(h, following)))
+    return _EPSILON * (1.0 + rate * rest) * math.sqrt(max(1.0, rest / steady))
 
 
 def closed_form_rounding(turned: float, start: PhaseState, end: PhaseState, h: float) -> float:
@@ -600,19 +610,18 @@ def _rest(goal: Goal, phase: PhaseState) -> float:
     return max(goal.horizon - elapsed(phase), 1.0 / NANOSECONDS) if goal.ends else goal.horizon
 
 
-def _require_reachable(goal: Goal, phase: PhaseState, length: int, following: float = 0.0) -> None:
-    """Refuse an accuracy that rounding alone exceeds after a stride of `length` ns from `phase` on; see `rounding`.
+def _require_reachable(goal: Goal, phase: PhaseState, steady: float) -> None:
+    """Refuse an accuracy that rounding alone exceeds, with strides of `steady` s from `phase` on.
 
     Raises:
         ConvergenceError: names the accuracy that can be reached.
     """
-    error = rounding(goal, phase, length, following)
+    error = rounding(goal, phase, steady)
     if error > goal.accuracy:
-        steady = max(length / NANOSECONDS, following)
         jumps = steady * NANOSECONDS < _SHORT
         raise ConvergenceError(
             f"accuracy {goal.accuracy:g} cannot be kept: at {norm(phase.angular_velocity):.3g} rad/s in steps of "
-            f"{steady:.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
+            f"{min(steady, _rest(goal, phase)):.3g} s rounding alone adds about {_rounded_up(error):g} rad in "
             f"{_rest(goal, phase):g} s; accept that much, shorten the run, or use a method of higher "
             "order, which takes longer steps"
             + "; or a load is discontinuous there, and its effect should name it in knots() and choose by `start`"

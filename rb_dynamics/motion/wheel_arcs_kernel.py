@@ -249,9 +249,9 @@ def _choose(c: Numbers, f: Numbers, w: Whole, trials: _Trials) -> bool:
         load = CompiledWheelLoad(c, 0.0, phase.high[13], phase.low[13], total(phase, POSITION), inertia.moments, held)
         guess = _steady(load, inertia, held, phase, first_guess(goal, phase))
     learnt = Learnt(min(guess, max(sight, 1.0 / NANOSECONDS)), f[k + 1], f[k + 2], f[k + 3], f[k + 4])
-    length, after, following, _ = _by_trial(goal, learnt, phase, (c, f, trials))
+    length, after, following, _, steady = _by_trial(goal, learnt, phase, (c, f, trials))
     f[TRIED] = 0.0
-    if length == 0 or rounding(goal, phase, length, following.step) > goal.accuracy:
+    if length == 0 or rounding(goal, phase, steady) > goal.accuracy:
         return False
     _keep(c, f, GRID_POINT + _size(c))
     f[FOLLOWING], f[FOLLOWING + 1], f[FOLLOWING + 2], f[FOLLOWING + 3], f[FOLLOWING + 4] = following

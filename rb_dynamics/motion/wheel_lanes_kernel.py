@@ -45,6 +45,7 @@ from rb_dynamics.motion.step_control import (
     errors_of,
     following_step,
     rounding,
+    steady_length,
 )
 from rb_dynamics.motion.wheel_arcs_kernel import (
     ARRIVED,
@@ -180,7 +181,7 @@ def strides_on_numbers(
     if free > 0:
         _compare(m, s, r, other, f, h)
         _choose_following(m, f, h)
-        _accept(m, c, s, r, w, e, f, effects != 0.0, length, h)
+        _accept(m, c, s, r, w, e, f, effects != 0.0, h)
     arrived = 0
     for i in range(LANES):
         m[_FREE, i] *= m[_ACCEPTED, i] if free > 0 else 0.0
@@ -340,7 +341,6 @@ def _accept(
     e: Numbers,
     f: Numbers,
     acts: bool,
-    length: int,
     h: float,
 ) -> None:
     """Accept the strides for which rounding, load and wheels allow it, and whose end is finite."""
@@ -353,7 +353,7 @@ def _accept(
             here = Point(elapsed(start), total(start, POSITION), velocity, start.orientation, start.angular_velocity)
             sight = time_to_fall(_attraction(e, o), here)
         goal, omega = _goal(f, o), end.angular_velocity
-        lost = rounding(goal, start, length, m[_FOLLOWING, o])
+        lost = rounding(goal, start, steady_length(h, m[_FOLLOWING, o], True))
         above, sums = -math.inf, dot(momentum, scale(inverse, momentum)) + dot(omega, times(moments, omega))
         for k in range(_M):
             w[_STATES + k, o] = w[_HIGH + k, o] + w[_LOW + k, o]
