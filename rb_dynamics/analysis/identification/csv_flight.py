@@ -110,7 +110,7 @@ def read_csv_flight(
     channels = [*_wrench(found, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
     notes += [] if channels else [NO_WRENCH]
-    return Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero)
+    return Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero).between_commands()
 
 
 def _wrench(found: Mapping[str, Array], times: Times, scene: Scene, path: str) -> Iterator[WrenchSeries]:

@@ -229,7 +229,7 @@ class Flight:
     def between_commands(self) -> Flight:
         """Return the same without samples of accelerometers at the very time at which a command begins to act.
 
-        Of another program it is not known whether they show what acted before it or from it on.
+        Sensors of this package, and a `Model`, show what acted before it. Of another program that is not known.
         """
         times = np.concatenate([np.zeros(0, np.int64), *(channel.time_ns for channel in self.channels)])
         at = [np.isin(stream.time_ns, times) & (stream.kind == ACCELERATION) for stream in self.streams]
@@ -278,7 +278,9 @@ class Flight:
             for stream, rows in zip(self.streams, marked, strict=True)
             if rows.any()
         )
-        streams = tuple(stream.rows(~rows) for stream, rows in zip(self.streams, marked, strict=True))
+        streams = tuple(
+            stream.rows(~rows) for stream, rows in zip(self.streams, marked, strict=True) if not rows.all()
+        )
         return replace(self, streams=streams, notes=(*self.notes, *told)) if told else self
 
     def require_dense(self) -> None:

@@ -138,3 +138,28 @@ def test_a_time_far_from_all_the_others_is_left_out(tmp_path: Path, far: int) ->
     found = read_csv_flight(write(tmp_path / "one.csv", "time_ns,gyro_x,gyro_y,gyro_z", rows), guess(BODY))
     assert found.span_ns == (0, 299 * 10**7)
     assert any("1 of 301 times are far from all the others" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("held", [25, 1])
+def test_an_accelerometer_at_the_time_of_a_command_does_not_make_a_delay(tmp_path: Path, held: int) -> None:
+    """Whether a sample shows what acted before a command at its very time or after it is not known."""
+    random, count = np.random.default_rng(2), 200
+    made = flown(BODY, random, seconds=2.0, torque=1.0, force=2.0, gyro=1e-3, pose=1e-3)
+    (channel,), (gyro, attitude, position) = made.channels, made.streams
+    acting = np.vstack([channel.held, channel.held[-1:]])[:, :6]
+    told = acting + 1e-9 * (np.arange(count + 1) % 2)[:, None] * (held == 1)
+    # This sensor shows what acts from a command on.
+    force = acting[:, :3] / BODY.mass + 1e-2 * random.standard_normal((count + 1, 3))
+    parts = {"gyro": gyro.values, "orientation": attitude.values, "position": position.values, "accelerometer": force}
+    parts |= {"force": told[:, :3], "torque": told[:, 3:]}
+    names = ["time_ns", *(f"{part}_{'xyzw'[k]}" for part, v in parts.items() for k in range(v.shape[1]))]
+    rows = np.hstack(list(parts.values())).tolist()
+    lines = [",".join([str(t), *map(repr, row)]) for t, row in zip(gyro.time_ns.tolist(), rows, strict=True)]
+    path = write(tmp_path / "flight.csv", ",".join(names), lines)
+
+    found = identify(guess(BODY), [path], ["inertia", "mass", "accelerometer"])
+
+    assert not any(each.found for each in found.omissions)
+    assert all(each.white for each in found.residuals)
+    left_out = 8 if held == 25 else 201
+    assert any(f"{left_out} of 201 samples of accelerometer acceleration" in note for note in found.notes)
