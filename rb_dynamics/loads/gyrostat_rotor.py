@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -122,6 +122,17 @@ class Rotor(Effect):
                 f"rotor: axial_inertia is {self.axial_inertia!r}, expected at most {whole:.6g} kg m^2, the inertia of "
                 "the body about that axis, in which the rotor is counted; add the rotor to body.inertia"
             )
+
+    @property
+    def momentum_body(self) -> Vector:
+        """h = J s a at the first knot (N m s), body axes."""
+        return scale(self.axial_inertia * self.spin_rate[0][1] / norm(self.axis_body), self.axis_body)
+
+    def with_momentum(self, momentum_body: Vector) -> Rotor:
+        """Return the same of constant momentum (N m s), body axes: its axis and rate follow."""
+        size = norm(momentum_body)
+        axis = scale(1.0 / size, momentum_body) if size else self.axis_body
+        return replace(self, axis_body=axis, spin_rate=((0.0, size / self.axial_inertia),))
 
     def knots(self) -> tuple[float, ...]:
         """Return where the acceleration of the rotor changes."""

@@ -142,7 +142,7 @@ def _axes(name: str, scene: Scene) -> tuple[str, ...] | None:
     if match is None or int(match[1]) >= len(scene.effects):
         return None
     effect: Any = scene.effects[int(match[1])]
-    parts: tuple[str, ...] = effect.keys
+    parts: tuple[str, ...] = (*effect.keys, "momentum_body")
     if match[2] is not None:
         entries = effect.entries if isinstance(effect, ScheduledWrench) else ()
         effect = entries[int(match[2])][1] if int(match[2]) < len(entries) else None

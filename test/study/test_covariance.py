@@ -16,6 +16,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.run.ensemble import Ensemble
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.covariance import QUANTITIES
+from rb_dynamics.study.uncertain_inputs import uncertain_numbers
 
 SCENE = """
 body:
@@ -304,3 +305,10 @@ def test_the_command_prints_it_as_json(tmp_path: Path, capsys: pytest.CaptureFix
     assert found["linear_until_s"] is None
     assert main(["simulate", str(scene), "--covariance", str(tmp_path / "none.yaml")]) == 2
     assert capsys.readouterr().err.startswith("rb-dynamics: cannot read ")
+
+
+def test_the_momentum_of_a_rotor_that_a_fit_found_may_be_uncertain() -> None:
+    rotor = "{type: rotor, axis_body: [0, 0, 1], axial_inertia: 0.01, spin_rate: 50}"
+    scene = rb.parse_scene(f"body: {{mass: 1, inertia: {{diagonal: [1, 1, 1]}}}}\neffects: [{rotor}]\n")
+    found = uncertain_numbers({"effects[0].momentum_body": 0.1}, None, scene)
+    assert found.names == tuple(f"effects[0].momentum_body.{axis}" for axis in "xyz")

@@ -278,9 +278,7 @@ class Flight:
             for stream, rows in zip(self.streams, marked, strict=True)
             if rows.any()
         )
-        streams = tuple(
-            stream.rows(~rows) for stream, rows in zip(self.streams, marked, strict=True) if not rows.all()
-        )
+        streams = tuple(stream.rows(~rows) for stream, rows in zip(self.streams, marked, strict=True) if not rows.all())
         return replace(self, streams=streams, notes=(*self.notes, *told)) if told else self
 
     def require_dense(self) -> None:

@@ -40,6 +40,7 @@ from rb_dynamics.errors import LogError, SceneError, did_you_mean
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import QuadraticDrag
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, shown, whole_number
@@ -84,7 +85,7 @@ _UNITS = {
 _UNITS_OF_EFFECTS = {
     "rotation": ("N m s/rad", "N m s^2/rad^2"), "translation": ("N s/m", "N s^2/m^2"), "force": ("N",) * 2,
     "torque": ("N m",) * 2, "acceleration_world": ("m/s^2",) * 2, "medium_velocity_world": ("m/s",) * 2,
-    "axial_inertia": ("kg m^2",) * 2, "spin_rate": ("rad/s",) * 2,
+    "axial_inertia": ("kg m^2",) * 2, "spin_rate": ("rad/s",) * 2, "momentum_body": ("N m s",) * 2,
 }  # fmt: skip
 
 
@@ -964,7 +965,7 @@ class _Report:
 
     def _scene(self, body: RigidBody) -> Scene:
         """Return the scene with what was found, as text that runs."""
-        scene = self.model.scene
+        scene, layout = self.model.scene, self.model.layout
         overrides: dict[str, object] = {}
         if self._has("mass") or self._has("center_of_mass") or self._has("shape"):
             overrides = {
@@ -973,12 +974,19 @@ class _Report:
                 "body.inertia": {"matrix": [list(row) for row in body.inertia]},
             }
         for name, values in self.model.effects(self._kept).items():
+            number, _, key = name.removeprefix("effects[").partition("].")
+            rotor = scene.effects[int(number)]
+            if key == "momentum_body" and isinstance(rotor, Rotor):
+                if self._kept[layout[name].at].any():
+                    turned = rotor.with_momentum(tuple(values.tolist()))
+                    overrides[f"effects[{number}].axis_body"] = list(turned.axis_body)
+                    overrides[f"effects[{number}].spin_rate"] = turned.spin_rate[0][1]
+                continue
             # Drag takes energy out: a negative one comes from noise and is set to zero.
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()
             overrides[name] = kept if len(kept) > 1 else kept[0]
         state, _ = self.model.start_of(self.z, 0)
-        layout = self.model.layout
         along = ("", scene.frames.body_frame)
         gyros = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and each.frame in along]
         streams = [(number, each) for number, flight in enumerate(self.model.flights) for each in flight.streams]
@@ -993,7 +1001,7 @@ class _Report:
         if self.model.moves[0]:
             for key in ("position_world", "linear_velocity_world"):
                 overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self.z).tolist()
-        if with_true_text(scene).text != scene.text:
+        if with_true_text(scene) is not scene:
             return _changed(scene, body, overrides)
         problems = Problems(scene.source)
         tree = document.parse(scene.text, problems)

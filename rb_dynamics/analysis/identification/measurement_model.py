@@ -51,6 +51,8 @@ _PLACES = {
     (UniformGravity, "acceleration_world"): 25,
 }
 _ROTOR = ("axis_body", "axial_inertia", "spin_rate")
+# In place of these three, all that the motion depends on.
+_MOMENTUM = "momentum_body"
 _SCHEDULED = re.compile(r"schedule\[([0-9]{1,6})\]\.(force|torque)")
 
 # How often a flight is predicted in a fit, at least.
@@ -367,8 +369,14 @@ class Model:
             if (type(effect), name) in _PLACES:
                 return effect, name, _PLACES[type(effect), name]
             if isinstance(effect, Rotor) and (
-                name in _ROTOR[:2] or (name == "spin_rate" and len(effect.spin_rate) == 1)
+                name in _ROTOR[:2] or (name in ("spin_rate", _MOMENTUM) and len(effect.spin_rate) == 1)
             ):
+                others = [each for each in self.fit if each in {f"effects[{number}].{part}" for part in _ROTOR}]
+                if name == _MOMENTUM and others:
+                    raise SceneError(
+                        f"{self.scene.source}: fit: found {key} and {', '.join(others)}, expected one or the other, as "
+                        "momentum_body is axial_inertia times spin_rate along axis_body; leave one of them out"
+                    )
                 return effect, name, -1
             if int(number) in self.others and name in _numbers_of(effect):
                 return effect, name, -2
@@ -381,11 +389,11 @@ class Model:
             for name in (
                 [f"schedule[{k}].{kind}" for k in range(len(effect.entries)) for kind in ("force", "torque")]
                 if isinstance(effect, ScheduledWrench)
-                else (_numbers_of(effect) if i in self.others else effect.keys)
+                else (_numbers_of(effect) if i in self.others else (*effect.keys, _MOMENTUM))
             )
             if (type(effect), name) in _PLACES
             or i in self.others
-            or (isinstance(effect, Rotor) and name in _ROTOR)
+            or (isinstance(effect, Rotor) and name in (*_ROTOR, _MOMENTUM))
             or isinstance(effect, ScheduledWrench)
         ]
         raise SceneError(
@@ -414,6 +422,7 @@ class Model:
             "torque": moment * start_of.fastest / seconds,
             "force": body.mass * speed / seconds,
             "axial_inertia": moment,
+            _MOMENTUM: moment * start_of.fastest,
             "acceleration_world": 9.81,
             "axis_body": 1.0,
         }.get(name.rpartition(".")[2], max(1.0, float(np.abs(start).max())))
@@ -695,6 +704,11 @@ class Model:
         def value(name: str, given: Array) -> Array:
             return self.layout.values(f"effects[{i}].{name}", z, given)
 
+        momentum = self.layout.blocks.get(f"effects[{i}].{_MOMENTUM}")
+        if momentum is not None:
+            held[:, 12:15] += momentum.values(z)
+            held_by[:, 12:15, self._place_of_held(momentum)] = np.diag(momentum.scale)
+            return
         direction = value("axis_body", np.array(rotor.axis_body))
         length = float(np.linalg.norm(direction))
         axis = direction / length

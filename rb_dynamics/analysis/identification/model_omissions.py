@@ -27,6 +27,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import LinearDrag
+from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.wrench import Wrench
@@ -42,6 +43,8 @@ TOLD = 0.3
 
 # Standard errors by which a drag may be negative.
 _PUSHED = 3.0
+# Of the least moment of the body, the inertia of a rotor that only its momentum tells of.
+_ROTOR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,7 @@ class Candidate(NamedTuple):
         kind: of the effect; "" of an error of sensors.
         frame_id: of a wrench.
         part: what of the effect it is; what to fit of an error of sensors.
+        axial_inertia: of a rotor.
     """
 
     what: str
@@ -107,6 +111,7 @@ class Candidate(NamedTuple):
     kind: str
     frame_id: str
     part: str
+    axial_inertia: float = 0.0
 
     def key(self, place: int) -> str:
         """Return what to fit, of a load as that effect of a scene."""
@@ -118,6 +123,11 @@ class Candidate(NamedTuple):
         """Return an entry for the effects of a scene."""
         if not self.kind:
             return None
+        if self.kind == Rotor.kind:
+            x, y, z = value
+            rotor = Rotor((0.0, 0.0, 1.0), self.axial_inertia, ((0.0, 0.0),)).with_momentum((x, y, z))
+            axis, rate = list(rotor.axis_body), rotor.spin_rate[0][1]
+            return {"type": self.kind, "axis_body": axis, "axial_inertia": self.axial_inertia, "spin_rate": rate}
         if self.kind != ScheduledWrench.kind:
             return {"type": self.kind, self.part: list(value)}
         return {"type": self.kind, "frame_id": self.frame_id, "schedule": [{"time": 0.0, self.part: list(value)}]}
@@ -155,7 +165,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
     """Return what each candidate, except those `known`, would explain of the residuals of a fit from single starts."""
     if fit.disturbance is not None:
         return []
-    tried = [each for each in _candidates(model) if each.what not in {trial.candidate.what for trial in known}]
+    tried = [each for each in _candidates(model, fit.z) if each.what not in {trial.candidate.what for trial in known}]
     wide, keys = _with_loads(model, tried, fit.z)
     old = _places(model, wide)
     z = np.zeros(wide.layout.count)
@@ -262,14 +272,19 @@ def _chance(value: Array, covariance: Array, freedom: float, tried: int) -> floa
     return min(1.0, tried * float(fdtrc(len(value), freedom, statistic)))
 
 
-def _candidates(model: Model) -> list[Candidate]:
-    """Return the candidates that these recordings may show and the fit does not have."""
+def _candidates(model: Model, z: Array) -> list[Candidate]:
+    """Return the candidates that these recordings may show and the fit does not have, for a body of parameters `z`."""
     frames, wrench, drag = model.scene.frames, ScheduledWrench.kind, LinearDrag.kind
     found = [
         Candidate("a constant torque in body axes", "N m", wrench, frames.body_frame, "torque"),
         Candidate("a constant torque in world axes", "N m", wrench, frames.world_frame, "torque"),
         Candidate("a linear drag of rotation", "N m s/rad", drag, "", "rotation"),
     ]
+    if not any(key.endswith(".momentum_body") for key in model.fit):
+        # Of its inertia the motion tells nothing: it only has to be a part of the body.
+        bodies = (model.body(z).inertia, np.array(model.scene.body.inertia))
+        part = _ROTOR * min(float(np.linalg.eigvalsh(inertia)[0]) for inertia in bodies)
+        found.append(Candidate("a rotor momentum in body axes", "N m s", Rotor.kind, "", "momentum_body", part))
     pushed = any(model.moves) or any(s.kind == ACCELERATION for f in model.flights for s in f.streams)
     if pushed:
         found += [
@@ -319,10 +334,15 @@ def _with_loads(model: Model, loads: Sequence[Candidate], z: Array) -> tuple[Mod
 
 def _with_effect(scene: Scene, load: Candidate) -> Scene:
     """Return the scene with a load that is zero."""
-    if with_true_text(scene).text != scene.text:
+    if with_true_text(scene) is not scene:
         # It was made in Python, and so is this.
-        wrench = ScheduledWrench(((0.0, Wrench(ZERO, ZERO, load.frame_id)),))
-        return replace(scene, effects=(*scene.effects, wrench if load.kind == wrench.kind else LinearDrag()))
+        if load.kind == Rotor.kind:
+            added: Effect = Rotor((0.0, 0.0, 1.0), load.axial_inertia, ((0.0, 0.0),))
+        elif load.kind == ScheduledWrench.kind:
+            added = ScheduledWrench(((0.0, Wrench(ZERO, ZERO, load.frame_id)),))
+        else:
+            added = LinearDrag()
+        return replace(scene, effects=(*scene.effects, added))
     problems = Problems(scene.source)
     tree = document.parse(scene.text, problems)
     if isinstance(tree.value, dict):

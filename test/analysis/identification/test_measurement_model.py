@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
 
-from rb_dynamics import parse_scene
+from rb_dynamics import SceneError, parse_scene
 from rb_dynamics.analysis.identification import measurement_model
 from rb_dynamics.analysis.identification.estimation import sane, stacked
 from rb_dynamics.analysis.identification.flights import (
@@ -110,6 +110,25 @@ def _difference(model: Model, z: Array, k: int) -> dict[tuple[str, str], Array]:
     step[k] = 1e-4 if any(n.startswith("delay") and b.at.start == k for n, b in model.layout.blocks.items()) else 1e-5
     above, below = ({each.key: each.left for each in model.predict(z + sign * step)} for sign in (1, -1))
     return {key: (above[key] - below[key]) / (2.0 * step[k]) for key in above}
+
+
+def test_the_momentum_of_a_rotor_stands_for_its_three_numbers() -> None:
+    scene, key = parse_scene(SCENE), "effects[3].momentum_body"
+    model, bare = (Model(scene, [every_sensor()], fit) for fit in ((key,), ()))
+    z = np.zeros(model.layout.count)
+    here = {each.key: each for each in model.predict(z)}
+
+    assert model.effects(z)[key] == pytest.approx([0.0, 0.5 / 5**0.5, 1.0 / 5**0.5])
+    for each in bare.predict(np.zeros(bare.layout.count)):
+        np.testing.assert_allclose(here[each.key].left, each.left, rtol=0.0, atol=1e-12)
+    at = model.layout[key].at
+    for k in range(at.start, at.stop):
+        for name, slope in _difference(model, z, k).items():
+            np.testing.assert_allclose(
+                here[name].by[:, :, k], slope, rtol=0.0, atol=2e-5 * max(1e-3, np.abs(slope).max())
+            )
+    with pytest.raises(SceneError, match=r"found effects\[3\].momentum_body and effects\[3\].spin_rate"):
+        Model(scene, [every_sensor()], (key, "effects[3].spin_rate"))
 
 
 def test_nothing_jumps_where_a_late_sensor_measured_as_a_command_came() -> None:
