@@ -16,6 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from rb_dynamics.analysis.identification import rotations
+from rb_dynamics.analysis.identification.adapted_numbers import adapted, kept_numbers
 from rb_dynamics.analysis.identification.csv_flight import read_csv_flight
 from rb_dynamics.analysis.identification.estimation import LOSSES, fitted
 from rb_dynamics.analysis.identification.fit_consistency import (
@@ -95,12 +96,14 @@ class Parameter:
 
     Attributes:
         name: as in `inertia.xx`.
-        value: in SI units; that of the scene where it is not known.
+        value: in SI units; that of the scene where it is not known, unless it is `adapted`.
         standard_error: None if it is not known.
         interval: which holds the true value in 95 of 100 recordings; None if it is not known.
         unit: of the value; "" for a ratio.
         known: whether the recordings determine it.
         asked: whether it was asked for by name.
+        adapted: of one that is not known, that it is not the value of the scene but goes with others that are: only a
+            combination of them is known.
     """
 
     name: str
@@ -110,6 +113,7 @@ class Parameter:
     unit: str
     known: bool
     asked: bool
+    adapted: bool = False
 
 
 @dataclass(frozen=True)
@@ -223,6 +227,7 @@ class Identification:
                     "interval": None if each.interval is None else list(each.interval),
                     "unit": each.unit,
                     "known": each.known,
+                    "adapted": each.adapted,
                 }
                 for each in self.parameters
             ],
@@ -541,6 +546,7 @@ class _Report:
         """Take a fit; errors are doubled if it is `doubtful`, and hold steps by which something else has `moved` it."""
         self.model, self.fit, self.names, self.z = model, fit, names, fit.z
         self.changes: list[Array] = []
+        self.adapted: list[int] | None = []
         self.told: tuple[Parameter, ...] = ()
         self.local = self._local()
         weighted = fit.weighted @ self.local
@@ -685,6 +691,7 @@ class _Report:
             principal_errors=(first, second, third),
             notes=(
                 *self._other_units(body),
+                *self._of_adapted(parameters),
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *_notes_of(self.model.flights),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
@@ -693,13 +700,22 @@ class _Report:
             zero_ns=self.model.flights[0].zero_ns,
         )
 
+    def _of_adapted(self, parameters: Sequence[Parameter]) -> list[str]:
+        """Return a remark on numbers of which a combination is determined."""
+        if self.adapted is None:
+            told = "only combinations of unknown numbers are determined, and none with those of the scene was found"
+            return [f"{told}: a run of the scene with the result may not follow the recording"]
+        names = ", ".join(each.name for each in parameters if each.adapted)
+        told = "only combinations with numbers that keep the values of the scene are determined: they go with those"
+        return [f"of {names} {told}"] if names else []
+
     def _other_units(self, body: RigidBody) -> list[str]:
         """Return a remark where the body found is that far from the body given, as other units would do."""
         given, notes = self.model.scene.body, list[str]()
         of_inertia = None
         if self._has("shape") and self._told("size"):
             of_inertia = float(np.trace(np.array(body.inertia)) / np.trace(np.array(given.inertia)))
-        if doubt := doubt_of_mass(body.mass, given.mass, of_inertia):
+        if self._has("mass") and self._told("mass") and (doubt := doubt_of_mass(body.mass, given.mass, of_inertia)):
             notes.append(f"the mass found is {doubt}; correct the units, or the scene if they are right")
         if self._has("center_of_mass") and self._told("center_of_mass"):
             notes.append(doubt_of_center(float(np.linalg.norm(body.center_of_mass)), self.model.arm))
@@ -749,13 +765,31 @@ class _Report:
         """The parameters, but zero, which is the value of the scene, where a number is not determined.
 
         A fit may stop anywhere there. Not of initial states, which have none in the scene, and not of the shape of the
-        inertia, which is known as a whole or not at all.
+        inertia, which is known as a whole or not at all. Where only a combination is determined, some numbers are zero,
+        and others go with them, so that the scene flies the recording: `adapted` has their places, None if there are no
+        such values.
         """
         kept, one = self.z.copy(), self._across_axes
-        for name, block in self.model.layout.blocks.items():
-            if name != "shape" and not name.startswith("initial["):
-                for k in range(block.at.start, block.at.stop):
-                    kept[k] *= np.isfinite(self._error(one[k]))
+        unknown = [
+            k
+            for name, block in self.model.layout.blocks.items()
+            if name != "shape" and not name.startswith("initial[")
+            for k in range(block.at.start, block.at.stop)
+            if not np.isfinite(self._error(one[k]))
+        ]
+        kept[unknown] = 0.0
+        held, coupled = kept_numbers(self.model, self.unseen, unknown)
+        if coupled and self.follows:
+            whole = self.fit.profile is None and (not self._has("shape") or self._shape_told)
+            z = adapted(self.model, self.fit, held) if whole else None
+            if z is None:
+                self.adapted = None
+                return kept
+            self.adapted = [k for k in unknown if k not in held]
+            kept[unknown] = z[unknown]
+            for name, block in self.model.layout.blocks.items():
+                if name.startswith("initial["):
+                    kept[block.at] = z[block.at]
         return kept
 
     @functools.cached_property
@@ -781,7 +815,9 @@ class _Report:
         asked = group in self.names
         unit = self._unit(name)
         if not known:
-            return Parameter(name, value, None, None, unit, False, asked)
+            went = self.adapted or []
+            goes = bool(by[went].any()) or (group == "inertia" and self.model.layout["size"].at.start in went)
+            return Parameter(name, value, None, None, unit, False, asked, goes)
         half = self.quantile * error
         return Parameter(name, value, error, (value - half, value + half), unit, True, asked)
 
@@ -958,9 +994,8 @@ class _Report:
         return f", for the {said} kept," if self._has(name) and not self._told(name) else ""
 
     def _told(self, name: str) -> bool:
-        block = self.model.layout[name]
         by = np.zeros(self.model.layout.count)
-        by[block.at] = 1.0
+        by[self.model.layout[name].at] = 1.0
         return bool(np.isfinite(self._error(by)))
 
     def _scene(self, body: RigidBody) -> Scene:
@@ -986,7 +1021,7 @@ class _Report:
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()
             overrides[name] = kept if len(kept) > 1 else kept[0]
-        state, _ = self.model.start_of(self.z, 0)
+        state, _ = self.model.start_of(self._kept, 0)
         along = ("", scene.frames.body_frame)
         gyros = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and each.frame in along]
         streams = [(number, each) for number, flight in enumerate(self.model.flights) for each in flight.streams]
@@ -1000,7 +1035,7 @@ class _Report:
         overrides["initial.angular_velocity_body"] = state[4:7].tolist()
         if self.model.moves[0]:
             for key in ("position_world", "linear_velocity_world"):
-                overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self.z).tolist()
+                overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self._kept).tolist()
         if with_true_text(scene) is not scene:
             return _changed(scene, body, overrides)
         problems = Problems(scene.source)

@@ -13,14 +13,17 @@ from hypothesis import strategies as st
 from identified_flights import flown, guess, random_body
 from scipy.integrate import solve_ivp
 
-from rb_dynamics import Identification, LogError, RigidBody, SceneError, identify, parse_scene, simulate
+from rb_dynamics import Identification, LogError, MemorySink, RigidBody, SceneError, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.analysis.identification.rotations import quaternions
+from rb_dynamics.analysis.track import Array
+from rb_dynamics.cli.commands.identify import as_text
 from rb_dynamics.loads.drag import LinearDrag
 from rb_dynamics.loads.gyrostat_rotor import Rotor
+from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 AXES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -551,3 +554,64 @@ def of_gyro(body: RigidBody, rates: Any, starts: int = 4) -> Identification:
     """Return what rates (n, 3), 20 ms apart, tell of a body."""
     flight = Flight("flight", (Stream("gyro", RATES, np.arange(len(rates)) * 20_000_000, rates, gyro=True),))
     return identify(guess(body, moments=(1.0, 1.1, 1.2)), [flight], starts=starts)
+
+
+PUSHED = """
+body: {mass: 2, inertia: {diagonal: [0.05, 0.09, 0.11]}}
+initial: {angular_velocity_body: [1.5, -2, 1]}
+effects:
+  - type: scheduled_wrench
+    frame_id: body
+    schedule:
+      - {time: 0, torque: [0.1, -0.05, 0.08], force: [1, 0, 2]}
+      - {time: 0.5, torque: [-0.1, 0.1, 0.05], force: [-2, 1, 0]}
+      - {time: 1.2, torque: [0.02, 0.08, -0.15], force: [0, 3, -1]}
+  - {type: rotor, axis_body: [2, -1, 2], axial_inertia: 0.01, spin_rate: 20}
+duration: 2
+output_rate: 50
+"""
+
+
+def rates_of(scene: Scene) -> tuple[Array, Array]:
+    """Return the times of the outputs of a run and the rates."""
+    simulate(scene, (), [sink := MemorySink()])
+    times, rates = zip(*((each.time_ns, each.angular_velocity_body) for each in sink.samples), strict=True)
+    return np.array(times), np.array(rates)
+
+
+@pytest.mark.parametrize(("inertia", "rate", "adapted"), [(0.02, 20.0, 10.0), (0.004, 10.0, 50.0)])
+def test_where_only_a_product_is_determined_the_scene_has_values_with_that_product(
+    inertia: float, rate: float, adapted: float
+) -> None:
+    """It had the two values of the scene given, whose product contradicted the recording."""
+    times, rates = rates_of(parse_scene(PUSHED))
+    noisy = rates + 5e-3 * np.random.default_rng(0).standard_normal(rates.shape)
+    flight = Flight("flight", (Stream("twist", RATES, times, noisy),))
+    rough = parse_scene(PUSHED, "rough", {"effects[1].axial_inertia": inertia, "effects[1].spin_rate": rate})
+
+    found = identify(rough, [flight], ["inertia", "effects[1].axial_inertia", "effects[1].spin_rate"])
+
+    values = {each.name: each for each in found.parameters}
+    of_inertia, of_rate = (values[f"effects[1].{name}"] for name in ("axial_inertia", "spin_rate"))
+    assert (of_inertia.known, of_inertia.value, of_inertia.adapted) == (False, inertia, False)
+    assert (of_rate.known, of_rate.adapted) == (False, True)
+    assert of_rate.value == pytest.approx(adapted, rel=0.05)
+    assert "(adapted: " in as_text(found, False)
+    assert "of effects[1].spin_rate only combinations" in found.notes[0]
+    _, flown_again = rates_of(parse_scene(found.scene.text))
+    assert np.sqrt(np.mean((flown_again - rates) ** 2)) < 5e-3
+
+
+def test_pushes_of_unknown_scale_tell_the_mass_that_goes_with_them() -> None:
+    """Mass and inertia of the scene, of which neither pushes nor body were known, contradicted the recording."""
+    random = np.random.default_rng(3)
+    body = random_body(random)
+    flight = flown(body, random, seconds=2.0, torque=1.0, force=2.0, pose=1e-3)
+
+    found = identify(guess(body), [flight], ["mass", "inertia", "wrench_scale"])
+
+    assert not any(known(found, "mass") + known(found, "inertia") + known(found, "wrench_scale"))
+    assert found.body.mass == pytest.approx(2.0, rel=0.01)
+    np.testing.assert_allclose(found.body.inertia, body.inertia, rtol=0.0, atol=5e-3)
+    adapted = {each.name.partition(".")[0] for each in found.parameters if each.adapted}
+    assert adapted == {"mass", "inertia"}
