@@ -29,7 +29,7 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATE
 from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
-from rb_dynamics.analysis.identification.other_units import doubt_of_center, doubt_of_mass
+from rb_dynamics.analysis.identification.other_units import doubt_of_acceleration, doubt_of_center, doubt_of_mass
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
@@ -719,6 +719,12 @@ class _Report:
             notes.append(f"the mass found is {doubt}; correct the units, or the scene if they are right")
         if self._has("center_of_mass") and self._told("center_of_mass"):
             notes.append(doubt_of_center(float(np.linalg.norm(body.center_of_mass)), self.model.arm))
+        for name, values in self.model.effects(self._kept).items():
+            size = float(np.linalg.norm(values))
+            if name.endswith(".acceleration_world"):
+                notes.append(doubt_of_acceleration(size))
+            elif name.endswith(".force") and self.model.in_world(name):
+                notes.append(doubt_of_acceleration(size / body.mass))
         return [note for note in notes if note]
 
     def shift(self, step: Array) -> float:

@@ -433,6 +433,11 @@ class Model:
         number, _, key = name.removeprefix("effects[").partition("].")
         return key == "axis_body" and isinstance(self.scene.effects[int(number)], Rotor)
 
+    def in_world(self, name: str) -> bool:
+        """Return whether a block is a force or torque of a scheduled wrench in world axes."""
+        effect, part, _ = self._place(name)
+        return isinstance(effect, ScheduledWrench) and bool(_of_schedule(effect, part, self.scene)[2][:, 6:12].any())
+
     def effects(self, z: Array) -> dict[str, Array]:
         """Return the fitted numbers of effects by their dotted keys."""
         return {name: block.values(z) for name, block in self.layout.blocks.items() if name.startswith("effects[")}

@@ -1,4 +1,4 @@
-"""Signs of other units than SI that only the body given can show: a mass or a centre of mass far from its own.
+"""Signs of other units than SI: a mass or a centre of mass far from that of the body given, or gravity in other units.
 
 Positions in millimetres, under forces in N, are those of a body a thousand times lighter: nothing contradicts that.
 """
@@ -17,6 +17,10 @@ _CAUSES = {
     1e-2: "lengths in centimetres",
     1e3: "lengths in kilometres or forces in mN",
 }
+
+
+# m/s^2, that of the Earth to this fraction: it differs from place to place, and a scene may have it once already.
+_GRAVITY, _OF_GRAVITY = 9.81, 0.015
 
 
 def is_far(fitted: float, given: float) -> bool:
@@ -48,3 +52,14 @@ def doubt_of_center(distance: float, radius: float) -> str:
         f"the centre of mass found is {distance:.3g} m from the body origin, {distance / radius:.3g} times the radius "
         "of gyration of the body given, as of positions in a smaller unit than m"
     )
+
+
+def doubt_of_acceleration(found: float) -> str:
+    """Return what a constant acceleration in world axes, m/s^2, tells that is gravity in other units; else ""."""
+    for unit, size in POSITIONS.items():
+        if size < 1.0 and abs(found * size / _GRAVITY - 1.0) < _OF_GRAVITY:
+            return (
+                f"a constant acceleration of {found:.4g} m/s^2 is found, which is gravity if positions are in {unit}; "
+                "convert them to m, and write gravity among the effects of the scene"
+            )
+    return ""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from identified_flights import flown, guess, random_body
 
+from rb_dynamics import parse_scene
 from rb_dynamics.analysis.identification import other_units
 from rb_dynamics.analysis.identification.flights import POSITION, Flight
 from rb_dynamics.analysis.identification.identify import Identification, identify
@@ -37,6 +38,46 @@ def test_positions_in_millimetres_are_named() -> None:
     assert "times the radius of gyration of the body given, as of positions in a smaller unit than m" in told
     usual = "\n".join(found().notes)
     assert "given, as of" not in usual
+
+
+def falling(length: float) -> Flight:
+    """Return a flight under gravity, positions in another unit than m."""
+    body = random_body(np.random.default_rng(1))
+    flight = flown(body, np.random.default_rng(2), seconds=2.0, pose=1e-3)
+    seconds = flight.streams[0].time_ns * 1e-9
+    fallen = np.outer(seconds, [1.0, 2.0, 8.0]) - 0.5 * 9.81 * np.outer(seconds**2, [0.0, 0.0, 1.0])
+    return replace(
+        flight,
+        streams=tuple(
+            replace(s, values=(s.values + fallen) / length) if s.kind == POSITION else s for s in flight.streams
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("length", "effects", "fit", "told"),
+    [
+        (1e-3, "", ["inertia_ratios"], "m/s^2 is found, which is gravity if positions are in millimetres"),
+        (1.0, "", ["inertia_ratios"], ""),
+        (
+            1e-2,
+            "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -1]}]\n",
+            ["inertia_ratios", "effects[0].acceleration_world"],
+            "m/s^2 is found, which is gravity if positions are in centimetres",
+        ),
+    ],
+)
+def test_gravity_tells_the_unit_of_positions(length: float, effects: str, fit: list[str], told: str) -> None:
+    """The scene lacks it, or it is fitted: nothing was said, as a force was found that explains the motion."""
+    scene = parse_scene(guess(random_body(np.random.default_rng(1))).text + effects)
+    notes = "\n".join(identify(scene, [falling(length)], fit).notes)
+    assert told in notes
+    assert ("which is gravity" in notes) == bool(told)
+
+
+@pytest.mark.parametrize("acceleration", [0.00981, 0.3, 9.81, 98.1, 500.0, 950.0, 5000.0, 11000.0, np.inf])
+def test_no_other_acceleration_is_taken_for_gravity(acceleration: float) -> None:
+    assert other_units.doubt_of_acceleration(acceleration) == ""
 
 
 def test_wrenches_in_another_unit_change_the_inertia_too() -> None:
