@@ -79,7 +79,7 @@ def _tiles(found: Identification) -> list[Tile]:
 
 def _tile(label: str, value: float, error: float | None, unit: str) -> Tile:
     if error is None:
-        return Tile(label, "not determined", f"kept: {value:.6g} {unit}")
+        return Tile(label, "not determined", f"taken: {value:.6g} {unit}")
     return Tile(label, f"{value:.6g}", f"± {error:.2g} {unit}")
 
 
@@ -95,7 +95,7 @@ def _parameters(found: Identification) -> Table:
     rows = []
     for each in found.parameters:
         if each.interval is None or each.standard_error is None:
-            rows.append([each.name, f"not determined (kept: {each.value:.6g})", "", "", each.unit])
+            rows.append([each.name, f"not determined ({each.taken}: {each.value:.6g})", "", "", each.unit])
         else:
             low, high = each.interval
             digits = _digits(each.value, high - low)

@@ -115,6 +115,11 @@ class Parameter:
     asked: bool
     adapted: bool = False
 
+    @property
+    def taken(self) -> str:
+        """What was done for the value of one that is not known, in a word."""
+        return "adapted" if self.adapted else "kept"
+
 
 @dataclass(frozen=True)
 class Identification:

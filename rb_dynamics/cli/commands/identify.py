@@ -135,8 +135,7 @@ def as_text(found: Identification, advise: bool) -> str:
     lines = [f"{'':34}{'value':>14} {'± s.e.':>11}   95 % interval"]
     for each in found.parameters:
         if each.interval is None:
-            taken = "adapted" if each.adapted else "kept"
-            lines.append(f"{each.name:34}{'not known':>14}{'':14}({taken}: {each.value:.6g} {each.unit})".rstrip())
+            lines.append(f"{each.name:34}{'not known':>14}{'':14}({each.taken}: {each.value:.6g} {each.unit})".rstrip())
         else:
             low, high = each.interval
             lines.append(

@@ -43,7 +43,7 @@ def test_ratios_of_a_tumble_are_found_and_written(
     assert code == 0
     assert "Identified from tumble.mcap" in page.read_text(encoding="utf-8")
     assert set(found) >= KEYS
-    assert {"name", "value", "standard_error", "interval", "unit", "known"} == set(found["parameters"][0])
+    assert {"name", "value", "standard_error", "interval", "unit", "known", "adapted"} == set(found["parameters"][0])
     ratios = [each["value"] for each in found["parameters"] if each["name"] == "inertia_ratios.zz"]
     assert ratios == [pytest.approx(2.5 / 5.5, rel=1e-5)]
     assert found["residuals"]["/twist"]["count"] == 101
