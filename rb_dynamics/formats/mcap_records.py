@@ -77,6 +77,7 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 _CHUNK_HEAD_BYTES = _CHUNK_HEAD.size + 4 + 8
 # Where the summary begins, and the part of it that says where everything is; a checksum.
 _FOOTER = struct.Struct("<QQI")
+_DATA_END_HEAD = _RECORD.pack(Opcode.DATA_END, 4)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
@@ -259,7 +260,7 @@ class McapFile:
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
     _summary_damaged: bool = False
-    # Whether the chunk read last is.
+    # Whether the chunk read last is, or may be.
     _broken: bool = False
     _data_end: int = 0
     _counts: Counter[str] = field(default_factory=Counter)
@@ -389,14 +390,11 @@ class McapFile:
         if self.salvage and end > begin:
             file.seek(end)
             head, footer = file.read(_RECORD.size), file.read(_FOOTER.size)
-            start, _, _ = _FOOTER.unpack(footer)
-            if (
-                _RECORD.unpack(head) == (Opcode.FOOTER, _FOOTER.size)
-                and begin <= start < end <= start + MAX_RECORD_BYTES
-            ):
+            said_start, _, said = _FOOTER.unpack(footer)
+            start = _behind_data(file, max(begin, end - MAX_RECORD_BYTES), end)
+            if _RECORD.unpack(head) == (Opcode.FOOTER, _FOOTER.size) and said_start and start is not None:
                 file.seek(start)
                 summary, at = file.read(end - start), 0
-                said = _FOOTER.unpack(footer)[2]
                 if said and zlib.crc32(head + footer[:-4], zlib.crc32(summary)) != said:
                     self._summary_damaged = True
                     what = "has a summary whose checksum does not fit its content"
@@ -406,7 +404,7 @@ class McapFile:
                     at += _RECORD.size + length
                     content = summary[at - length : at]
                     with contextlib.suppress(LogError, UnicodeDecodeError):
-                        if opcode == Opcode.CHUNK_INDEX:
+                        if opcode == Opcode.CHUNK_INDEX and start == said_start:
                             begin_ns, end_ns, place = _Fields(content, self._damage).take("QQQ")
                             self._chunks[place] = begin_ns, end_ns
                         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -495,8 +493,10 @@ class McapFile:
         if len(layout.begins):
             yield from take(data, layout, heads)
             self._counts["messages"] += len(layout.begins)
-            first, last = (_MESSAGE_HEAD.unpack_from(data, layout.begins[row])[2] for row in (0, -1))
-            self.span_ns = first if self.span_ns is None else self.span_ns[0], last
+            timed = layout.begins[layout.lengths >= _MESSAGE_HEAD.size]
+            for begin in timed[[0, -1]] if len(timed) else ():
+                at = _MESSAGE_HEAD.unpack_from(data, begin)[2]
+                self.span_ns = at if self.span_ns is None else self.span_ns[0], at
 
     def _sound(self, layout: _Layout, heads: _Heads) -> bool:
         """Return whether every message has possible times and a channel that is declared."""
@@ -556,49 +556,67 @@ class McapFile:
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         """Yield the complete records, the remains of a chunk that was cut off as `_CUT_CHUNK`, and each `_HOLE`."""
         start, chunked = file.tell(), bool(self._chunks)
+        # Up to here nothing is in doubt; after lost bytes, what looks like records may hide chunks.
+        sound = start
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
-            opcode, length = _RECORD.unpack(head)
             start += _RECORD.size
-            if self.salvage and (inside := self._disguised_chunk(file, start, size, opcode, length)) is not None:
-                what = f"has a whole chunk at {start - _RECORD.size} in a record of another kind or length; it was read"
-                self.damage.append(str(self._damage(what)))
-                opcode, length = Opcode.CHUNK, inside
+            opcode, length = self._said(file, start, size, head)
             # No record has opcode 0: a disk that lost its power leaves zeros.
             astray = opcode == 0 or length > size - start or (opcode == Opcode.FOOTER and length != _FOOTER.size)
             chunked = chunked or opcode == Opcode.CHUNK
-            if astray and (following := self._after_damage(file, start, size, chunked)) is not None:
-                if not any(start - _RECORD.size <= at < following for at in self._chunks):
-                    yield _HOLE, b""
-                start = file.seek(following)
-                continue
-            if opcode == 0:
-                return
             if astray:
-                if opcode == Opcode.CHUNK:
-                    yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
-                return
+                sound = sound if chunked else start
+                following = self._after_damage(file, sound, start, size, chunked)
+                if following is None:
+                    if opcode == Opcode.CHUNK:
+                        yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
+                    return
+                if not any(sound <= at < following for at in self._chunks):
+                    yield _HOLE, b""
+                start = sound = file.seek(following)
+                continue
             if opcode in _NEEDED:
-                if length > MAX_RECORD_BYTES:
-                    raise self._damage(f"has a record of {length} bytes at {start}, more than {MAX_RECORD_BYTES}")
                 if opcode == Opcode.DATA_END:
                     self._data_end = start - _RECORD.size
-                yield opcode, file.read(length)
+                yield opcode, self._content(file, start, length)
                 if opcode == Opcode.FOOTER:
                     return
-                length = self._up_to_next(file, start, length, size)
-            else:
-                file.seek(length, os.SEEK_CUR)
-            start += length
+            end = start + length
+            if self._broken:
+                sound, self._broken = start, False
+                end, whole = self._behind_broken(file, start, end, size)
+                if not whole:
+                    yield _HOLE, b""
+            elif opcode in (Opcode.CHUNK, Opcode.ATTACHMENT):
+                sound = end
+            start = file.seek(end)
 
-    def _up_to_next(self, file: BinaryIO, start: int, length: int, size: int) -> int:
-        """Go on behind a record: if it is a chunk that lost bytes, the next one begins before its end."""
-        following = _first(_is_chunk, file, start, start + length, size) if self._broken else None
-        self._broken = False
-        end = start + length if following is None else following
-        file.seek(end)
-        return end - start
+    def _said(self, file: BinaryIO, start: int, size: int, head: bytes) -> tuple[int, int]:
+        """Return opcode and length of a record, to salvage those of a whole chunk, whatever its head says."""
+        opcode, length = _RECORD.unpack(head)
+        if not self.salvage or (inside := self._disguised_chunk(file, start, size, opcode, length)) is None:
+            return opcode, length
+        what = f"has a whole chunk at {start - _RECORD.size} in a record of another kind or length; it was read"
+        self.damage.append(str(self._damage(what)))
+        return Opcode.CHUNK, inside
 
-    def _after_damage(self, file: BinaryIO, start: int, size: int, chunked: bool) -> int | None:
+    def _content(self, file: BinaryIO, start: int, length: int) -> bytes:
+        if length > MAX_RECORD_BYTES:
+            raise self._damage(f"has a record of {length} bytes at {start}, more than {MAX_RECORD_BYTES}")
+        return file.read(length)
+
+    def _behind_broken(self, file: BinaryIO, start: int, end: int, size: int) -> tuple[int, bool]:
+        """Return where to go on behind a damaged chunk, and whether it has the length that it says.
+
+        If it lost bytes, it may have lost others' as well, and the next chunk begins before its end.
+        """
+        following = _first(_is_chunk, file, start, end, size)
+        if following is None:
+            return end, _in_a_row(file, end, size)
+        self.damage.append(str(self._damage(f"lost bytes before the record at {following}")))
+        return following, False
+
+    def _after_damage(self, file: BinaryIO, sound: int, start: int, size: int, chunked: bool) -> int | None:
         """Return where to go on, to salvage, behind a place that is no record's; None where nothing follows.
 
         Raises:
@@ -609,12 +627,14 @@ class McapFile:
             if _has_end(file, start, size):
                 raise self._damage(f"has no record at {place}, but more after it")
             return None
-        following = _first(_is_chunk, file, start, size, size)
+        following = _first(_is_chunk, file, sound, size, size)
         if following is None and not chunked:
             following = _first(_in_a_row, file, start, size, size)
+        file.seek(start)
         if following is not None:
-            self.damage.append(str(self._damage(f"has no record at {place}, and the next at {following}")))
-            gone = (times for at, times in self._chunks.items() if place <= at < following)
+            where = f"has no record at {place}, and the next" if following > place else "lost bytes before the record"
+            self.damage.append(str(self._damage(f"{where} at {following}")))
+            gone = (times for at, times in self._chunks.items() if sound <= at < following)
             self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
         elif _has_end(file, start, size):
             self.damage.append(str(self._damage(f"has no record at {place}, but more after it")))
@@ -645,7 +665,10 @@ class McapFile:
 
     def _chunk(self, content: bytes, unpacked: bytes | None, take: _Take[_Read]) -> Iterator[_Read]:
         try:
-            self._hold(self._decompressed(content) if unpacked is None else unpacked)
+            inside = self._decompressed(content) if unpacked is None else unpacked
+            # Zeros in place of a head look like those of an empty chunk.
+            self._broken = self.salvage and not inside
+            self._hold(inside)
             if self.salvage or self._held_bytes >= _TOGETHER_BYTES:
                 yield from self._held_messages(take)
         except (LogError, UnicodeDecodeError) as error:
@@ -689,7 +712,8 @@ class McapFile:
         """Return a message; None if it is left out because its times are impossible."""
         content = start + _MESSAGE_HEAD.size
         if content > end:
-            raise self._damage("has a message without its times")
+            self._note_damage("has a message without its times")
+            return None
         channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         channel = self.channels.get(channel_id)
         if channel is None:
@@ -881,6 +905,16 @@ def _first(
         at += max(len(part) - 8, 1)
     file.seek(start)
     return found
+
+
+def _behind_data(file: BinaryIO, begin: int, end: int) -> int | None:
+    """Return where the summary begins: behind the last end of the data there.
+
+    That is not where the footer says if the data lost or gained bytes.
+    """
+    file.seek(begin)
+    at = file.read(end - begin).rfind(_DATA_END_HEAD)
+    return None if at < 0 else begin + at + len(_DATA_END_HEAD) + 4
 
 
 def _is_chunk(file: BinaryIO, at: int, size: int) -> bool:

@@ -120,7 +120,9 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
             if old.holes > holes and before_ns is not None:
                 # Messages stand in the order in which they came, which need not be that of their times.
                 begin_ns, end_ns = sorted((before_ns, message.log_time))
-                old.missing.append((begin_ns, end_ns))
+                # What the piece says of its times is less certain: it may have swallowed others.
+                outside = [each for each in old.missing if each[0] < begin_ns or each[1] > end_ns]
+                old.missing = [*outside, (begin_ns, end_ns)]
             old.unplaced |= old.holes > holes and before_ns is None
             holes, before_ns = old.holes, message.log_time
             facts.counts[message.channel.topic] += 1

@@ -82,9 +82,12 @@ def test_a_zeroed_first_chunk_loses_only_its_own_messages(
 
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
 @pytest.mark.parametrize("lost", [1, 40, 500])
-def test_bytes_lost_in_a_chunk_cost_no_chunk_behind_it(tmp_path: Path, compression: CompressionType, lost: int) -> None:
+@pytest.mark.parametrize("index", [IndexType.NONE, IndexType.ALL])
+def test_bytes_lost_in_a_chunk_cost_no_chunk_behind_it(
+    tmp_path: Path, compression: CompressionType, lost: int, index: IndexType
+) -> None:
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(500)]
-    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=5000, compression=compression, index_types=IndexType.NONE)
+    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=5000, compression=compression, index_types=index)
     data = whole.read_bytes()
     place = _places(data, Opcode.CHUNK)[3]
     begin, end = struct.unpack_from("<QQ", data, place + 9)
@@ -94,7 +97,56 @@ def test_bytes_lost_in_a_chunk_cost_no_chunk_behind_it(tmp_path: Path, compressi
     found = read_bag(tmp_path / "saved.mcap").wrenches("/w")
     expected = read_bag(whole).wrenches("/w")
     assert found == expected[:begin] + expected[end + 1 :]
-    assert saved.missing == [(begin, end)]
+    assert saved.missing == [(begin - 1, end + 1)]
+
+
+def _rows_in_chunks(path: Path) -> tuple[bytes, list[int]]:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(500)]
+    data = write_rows(path, rows, chunk_size=5000, compression=CompressionType.NONE).read_bytes()
+    return data, _places(data, Opcode.CHUNK)
+
+
+def test_bytes_lost_from_an_index_of_messages_cost_no_chunk_behind_it(tmp_path: Path) -> None:
+    data, places = _rows_in_chunks(tmp_path / "a.mcap")
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: places[4] - 12] + data[places[4] - 4 :])
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    assert saved.damage
+    assert sum(saved.file.counts.values()) == 500
+
+
+def test_bytes_lost_in_the_chunk_of_the_channels_cost_no_chunk_behind_it(tmp_path: Path) -> None:
+    data, places = _rows_in_chunks(tmp_path / "a.mcap")
+    second, _ = struct.unpack_from("<QQ", data, places[1] + 9)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: places[0] + 60] + data[places[0] + 70 :])
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    assert sum(saved.file.counts.values()) == 500 - second
+    assert not any("summary" in line for line in saved.damage)
+
+
+def test_a_piece_lost_of_two_chunks_is_missing_at_the_times_of_both(tmp_path: Path) -> None:
+    data, places = _rows_in_chunks(tmp_path / "a.mcap")
+    begin, _ = struct.unpack_from("<QQ", data, places[3] + 9)
+    _, end = struct.unpack_from("<QQ", data, places[4] + 9)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: places[3] + 100] + data[places[4] + 400 :])
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    assert sum(saved.file.counts.values()) == 500 - (end + 1 - begin)
+    assert saved.missing == [(begin - 1, end + 1)]
+
+
+@pytest.mark.parametrize("number", [4, 8])
+def test_a_message_without_its_times_costs_no_other(tmp_path: Path, number: int) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 0.1 * i)) for i in range(9)]
+    data = write_rows(tmp_path / "a.mcap", rows, use_chunking=False).read_bytes()
+    place = _places(data, Opcode.MESSAGE)[number]
+    place += number == 8 and 9 + struct.unpack_from("<Q", data, place + 1)[0]
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[:place] + struct.pack("<BQ", Opcode.MESSAGE, 5) + b"short" + data[place:])
+    (saved,) = recover(damaged, tmp_path / "saved.mcap")
+    assert sum(saved.file.counts.values()) == 9
+    assert any("without its times" in line for line in saved.damage)
 
 
 @pytest.mark.parametrize("folder", [False, True])
