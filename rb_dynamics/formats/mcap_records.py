@@ -562,7 +562,8 @@ class McapFile:
             start += _RECORD.size
             opcode, length = self._said(file, start, size, head)
             # No record has opcode 0: a disk that lost its power leaves zeros.
-            astray = opcode == 0 or length > size - start or (opcode == Opcode.FOOTER and length != _FOOTER.size)
+            too_long = length > size - start or (self.salvage and opcode in _NEEDED and length > MAX_RECORD_BYTES)
+            astray = opcode == 0 or too_long or (opcode == Opcode.FOOTER and length != _FOOTER.size)
             chunked = chunked or opcode == Opcode.CHUNK
             if astray:
                 sound = sound if chunked else start

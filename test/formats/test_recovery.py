@@ -125,6 +125,20 @@ def test_bytes_lost_in_the_chunk_of_the_channels_cost_no_chunk_behind_it(tmp_pat
     assert not any("summary" in line for line in saved.damage)
 
 
+def test_a_length_that_no_record_has_costs_only_its_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, places = _rows_in_chunks(tmp_path / "a.mcap")
+    assert len(data) > places[3] + 20_000
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data[: places[3] + 1] + struct.pack("<Q", 15_000) + b"?" * 100 + data[places[3] + 109 :])
+    begin, end = struct.unpack_from("<QQ", data, places[3] + 9)
+    with monkeypatch.context() as small:
+        small.setattr("rb_dynamics.formats.mcap_records.MAX_RECORD_BYTES", 10_000)
+        recover(damaged, tmp_path / "saved.mcap")
+    found = read_bag(tmp_path / "saved.mcap").wrenches("/w")
+    expected = read_bag(tmp_path / "a.mcap").wrenches("/w")
+    assert found == expected[:begin] + expected[end + 1 :]
+
+
 def test_a_piece_lost_of_two_chunks_is_missing_at_the_times_of_both(tmp_path: Path) -> None:
     data, places = _rows_in_chunks(tmp_path / "a.mcap")
     begin, _ = struct.unpack_from("<QQ", data, places[3] + 9)
