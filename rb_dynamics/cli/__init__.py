@@ -81,6 +81,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Before numpy is loaded. Our matrices are small: more threads of OpenBLAS only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, interrupted_by_signals():
+            # There is no stdout under `>&-`, as a daemon may start a command.
+            stream = cast(TextIO, _WhileRead(sys.stdout or nowhere))
+            with contextlib.redirect_stdout(stream):
+                try:
+                    code = _run(arguments)
+                except SystemExit:  # of `--help` and `--version`
+                    sys.stdout.flush()
+                    raise
+                sys.stdout.flush()
+    except RigidBodyError as error:
+        print(f"rb-dynamics: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as error:
+        with contextlib.suppress(OSError):  # of a terminal that was closed
+            print("rb-dynamics: interrupted", file=sys.stderr)
+        return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
+    return code
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run the command that the arguments name, and return its exit code."""
     # Everything after --ros-args is parsed by rcl.
     split = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     args = _parsed(parser(), arguments[:split])
@@ -95,20 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Not in the node, for which many short pauses are better than a long one.
     if args.command != "node":
         gc.set_threshold(_OBJECTS)
-    try:
-        with open(os.devnull, "w", encoding="utf-8") as nowhere, interrupted_by_signals():
-            # There is no stdout under `>&-`, as a daemon may start a command.
-            stream = cast(TextIO, _WhileRead(sys.stdout or nowhere))
-            with contextlib.redirect_stdout(stream):
-                code: int = args.run(args)
-                sys.stdout.flush()
-    except RigidBodyError as error:
-        print(f"rb-dynamics: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt as error:
-        with contextlib.suppress(OSError):  # of a terminal that was closed
-            print("rb-dynamics: interrupted", file=sys.stderr)
-        return 128 + (error.number if isinstance(error, Stopped) else signal.SIGINT)
+    code: int = args.run(args)
     return code
 
 

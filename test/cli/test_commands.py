@@ -178,12 +178,14 @@ def test_the_verdict_stands_when_nobody_reads_on(scene: Path, tmp_path: Path, bo
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("options", [(), ("--json",)])
-def test_output_that_finds_no_room_is_an_error(scene: Path, options: tuple[str, ...]) -> None:
-    """It was a traceback and the exit code of a check that failed."""
-    line = [sys.executable, "-m", "rb_dynamics", "simulate", str(scene), *options]
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", ["simulate SCENE", "simulate SCENE --json", "--version", "simulate --help"])
+def test_output_that_finds_no_room_is_an_error(scene: Path, arguments: str, unbuffered: str) -> None:
+    """It was a traceback and the exit code of a check that failed; of `--help`, without a buffer, no error at all."""
+    line = [sys.executable, "-m", "rb_dynamics", *arguments.replace("SCENE", str(scene)).split()]
+    environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        ended = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     assert ended.returncode == 2
     assert ended.stderr.splitlines()[-1].startswith("rb-dynamics: cannot print the output: No space left on device; ")
 
