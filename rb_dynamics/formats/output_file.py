@@ -2,8 +2,9 @@
 
 Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
 is replaced once the new one can be opened; with `OutputFile.whole`, or `renamed` for other writers, once the new one is
-finished. `require_other` and `require_apart` stop a command from overwriting its input or another of its outputs;
-`move_aside` keeps an earlier log.
+finished. Of several processes that write one file at once, each writes its own, and one of these keeps the name.
+`require_other` and `require_apart` stop a command from overwriting its input or another of its outputs; `move_aside`
+keeps an earlier log.
 """
 
 from __future__ import annotations
@@ -11,7 +12,10 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import secrets
+import stat
 from collections.abc import Iterable, Iterator
+from io import FileIO
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
@@ -49,7 +53,7 @@ def renamed(path: Path) -> Iterator[Path]:
         yield path
         return
     target = path.resolve()
-    new = target.with_name(f".{target.stem}.part{target.suffix}")
+    new = _beside(target)
     try:
         yield new
         try:
@@ -65,6 +69,31 @@ def renamed(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             new.unlink()
+
+
+def _beside(target: Path) -> Path:
+    """Return a name in the same folder that no other process takes, as several may write one file at once."""
+    return target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+
+
+def open_new(path: Path) -> FileIO:
+    """Open a new file called `path`, apart from one of that name that another process may still be writing.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    if path.is_file() or not path.exists():
+        target = path.resolve()
+        new = _beside(target)
+        with contextlib.suppress(OSError):  # of a folder in which only this file may be written
+            file = new.open("xb", buffering=0)
+            try:
+                os.replace(new, target)
+                return file
+            except OSError:
+                file.close()
+                new.unlink()
+    return path.open("wb", buffering=0)
 
 
 def _sync(path: Path) -> None:
@@ -91,7 +120,7 @@ class OutputFile:
         self._failure: LogError | None = None
         make_folder(path)
         try:
-            self._file = path.open("wb", buffering=0)
+            self._file = open_new(path)
         except OSError as error:
             raise LogError(
                 f"cannot write {self._path}: {error.strerror or error}; give a file you may write to"
@@ -160,7 +189,7 @@ class OutputFile:
             LogError: the disk does not take it.
         """
         try:
-            if Path(self._file.name).is_file():
+            if stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
                 os.fsync(self._file.fileno())
             self._file.close()
         except OSError as error:

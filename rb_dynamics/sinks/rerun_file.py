@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rb_dynamics.formats.output_file import make_folder
+from rb_dynamics.formats.output_file import make_folder, open_new
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -30,7 +30,7 @@ class RerunFile:
             OSError: the file cannot be created.
         """
         make_folder(path)
-        self._file = path.open("wb", buffering=0)
+        self._file = open_new(path)
         self._error: OSError | None = None
         self._taking = threading.Lock()
         self._pipe, end = os.pipe()

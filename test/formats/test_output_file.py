@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,34 @@ def test_an_earlier_file_is_replaced_but_not_where_the_new_one_cannot_be_opened(
     with pytest.raises(LogError, match=r"cannot write .*run\.mcap"):
         OutputFile(path / "run.mcap")
     assert path.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("earlier", [False, True])
+def test_of_two_that_write_one_file_at_once_one_is_whole(tmp_path: Path, whole: bool, earlier: bool) -> None:
+    """Each wrote into the file of the other, and both said that all was well."""
+    path = tmp_path / "run.csv"
+    if earlier:
+        path.write_text("an earlier one")
+    with contextlib.ExitStack() as stack:
+        files = [
+            stack.enter_context(OutputFile.whole(path) if whole else contextlib.closing(OutputFile(path)))
+            for _ in range(2)
+        ]
+        for _ in range(3):
+            for file, data in zip(files, (b"first", b"2nd"), strict=True):
+                file.write(data)
+    assert path.read_bytes() in (b"first" * 3, b"2nd" * 3)
+    assert [each.name for each in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_the_target_of_a_link_is_replaced(tmp_path: Path) -> None:
+    link, target = tmp_path / "link.mcap", tmp_path / "run.mcap"
+    link.symlink_to(target)
+    for data in (b"first", b"second"):
+        with contextlib.closing(OutputFile(link)) as file:
+            file.write(data)
+        assert (link.is_symlink(), target.read_bytes()) == (True, data)
 
 
 def test_what_is_read_is_refused_under_any_name(tmp_path: Path) -> None:

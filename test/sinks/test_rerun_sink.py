@@ -361,6 +361,20 @@ def test_two_runs_of_one_process_stay_two_recordings(tmp_path: Path) -> None:
     assert len(ids) == 2
 
 
+def test_of_two_that_write_one_file_at_once_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    sinks = [RerunSink(path) for _ in range(2)]
+    for sink in sinks:
+        sink.open(RunInfo(SCENE, "rk4"))
+    for sink, rows in zip(sinks, (500, 400), strict=True):
+        for index in range(rows):
+            sink.write(still(index))
+        sink.close({})
+    rrd = Rrd(path)
+    assert len(rrd.reader.recordings()) == 1
+    assert rrd.indices("position") == [*range(400)]
+
+
 def test_closing_again_or_without_a_run_is_harmless(tmp_path: Path) -> None:
     path = tmp_path / "new" / "folder" / "run.rrd"
     sink = RerunSink(path)

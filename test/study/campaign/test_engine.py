@@ -462,7 +462,8 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path: Path, m
     fsync, replace = os.fsync, os.replace
 
     def noted_fsync(descriptor: int) -> None:
-        done.append(f"disk {Path(os.readlink(f'/proc/self/fd/{descriptor}')).name}")
+        name = Path(os.readlink(f"/proc/self/fd/{descriptor}")).name
+        done.append(f"disk {re.sub('[.][0-9a-f]{8}[.]part', '.part', name)}")
         fsync(descriptor)
 
     def noted_replace(source: Path, target: Path) -> None:
