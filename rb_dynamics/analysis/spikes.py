@@ -18,7 +18,7 @@ _FAR, _STEPS, _AROUND = 5.0, 7, 3
 _ROUNDING = 1e-12
 # More samples than this part are the noise of the sensor.
 _MOST = 0.05
-# So many times what a change of the rate makes in one interval.
+# So many times what a change of the rate makes in one interval, or the step before one at an end.
 _TURNED = 2.0
 # The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
 # follow, it shows less than this part, even with this multiple of the noise of their mean more.
@@ -63,7 +63,7 @@ def without_spikes(
                 rates = rotate_all(unit_rows(pose.values[turned, 3:]), rates)
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
-        alone &= _near_others(twist.time_ns, odd)
+        alone &= _near_others(twist.time_ns, odd) & ~_goes_on(rows, odd)[at]
         alone &= ~pushed[at] if pose is None else _between_neighbours(pose.time_ns, twist.time_ns[at])
         weight = float(np.sum(size[alone] ** 2))
         hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
@@ -138,6 +138,19 @@ def _usual_rates(seconds: Array, rows: Array) -> Array:
 def _about(seconds: Array, rows: Array, odd: NDArray[np.bool_]) -> Array:
     """Return what lies between the other rows in the place of the odd ones."""
     return np.stack([np.interp(seconds[odd], seconds[~odd], column) for column in rows[~odd].T], axis=1)
+
+
+def _goes_on(rows: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which odd rows at an end are reached by a step like the one before, as where the body turns faster.
+
+    There nothing shows that they come back.
+    """
+    steps, others = np.linalg.norm(np.diff(rows, axis=0), axis=1), np.flatnonzero(~odd)
+    first, last = others[0], others[-1]
+    goes_on = np.zeros(len(odd), dtype=bool)
+    goes_on[:first] = steps[first - 1] <= _TURNED * steps[first]
+    goes_on[last + 1 :] = steps[min(last, len(steps) - 1)] <= _TURNED * steps[last - 1]
+    return goes_on
 
 
 def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:

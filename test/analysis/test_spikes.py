@@ -155,3 +155,17 @@ def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> No
     for times, rows in (alone, every):
         found = without_spikes(twist, None, False, [(times.astype(np.int64), rows)])
         assert all(1500 not in each.time_ns // 10_000_000 and len(each.size) == 4 for each in found.spikes)
+
+
+@pytest.mark.parametrize("turned", [slice(None), slice(None, None, -1)])
+def test_a_body_that_turns_faster_at_an_end_makes_no_spike(turned: slice) -> None:
+    """A command 0.2 s before the last sample made a spike of it: nothing comes back there."""
+    steps = np.where(np.arange(500) < 497, 0.014, 0.04)
+    rows = np.zeros((500, 6))
+    rows[:, 3] = np.cumsum(steps)[turned]
+    rows[:, 4:] = 1e-3 * np.random.default_rng(1).standard_normal((500, 2))
+    twist = TimeSeries("/twist", np.arange(500) * 50_000_000, rows)
+    assert not without_spikes(twist, None, False).spikes
+    rows[[0, -1], 3] += 0.2
+    (spikes,) = without_spikes(twist, None, False).spikes
+    assert spikes.time_ns.tolist() == [0, 499 * 50_000_000]
