@@ -337,6 +337,7 @@ def identify(
         ]
         for some in (given, validate)
     )
+    _require_different([*flights, *held_out])
     for flight in (*flights, *held_out):
         flight.require_dense()
     flights, held_out = ([flight.require_agreement() for flight in some] for some in (flights, held_out))
@@ -352,6 +353,23 @@ def identify(
         if result.validated is False:
             result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
     return result
+
+
+def _require_different(flights: Sequence[Flight]) -> None:
+    """Check that no two flights have the same samples.
+
+    Raises:
+        LogError: two have: their noise would count as two, and the first would validate the second.
+    """
+    names: dict[tuple[tuple[str, bytes, bytes], ...], str] = {}
+    for flight in flights:
+        samples = tuple((each.kind, each.time_ns.tobytes(), each.values.tobytes()) for each in flight.streams)
+        if samples in names:
+            raise LogError(
+                f"{flight.name} has the samples of {names[samples]}, expected recordings of different flights; "
+                "give each recording once"
+            )
+        names[samples] = flight.name
 
 
 def _notes_of(flights: Sequence[Flight]) -> list[str]:

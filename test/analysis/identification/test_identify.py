@@ -196,6 +196,18 @@ def test_several_recordings_are_of_one_body() -> None:
     assert np.all(np.array(errors[1]) < np.array(errors[0]))
 
 
+def test_a_recording_that_is_given_twice_is_refused() -> None:
+    """Its noise counted as that of two: errors were too small, and a rotor that is not there was found."""
+    random = np.random.default_rng(9)
+    body = random_body(random)
+    made, other = (flown(body, random, torque=1.0) for _ in range(2))
+    told = "^again has the samples of flight, expected recordings of different flights; give each recording once$"
+    again = replace(made, name="again")
+    for flights, validate in (([made, other, again], []), ([made, other], [again])):
+        with pytest.raises(LogError, match=told):
+            identify(guess(body), flights, ["inertia"], validate=validate)
+
+
 def test_a_noisy_recording_beside_a_quiet_one_takes_nothing_from_it() -> None:
     """One noise was taken for both: residuals were not white, and all errors doubled."""
     random = np.random.default_rng(7)
