@@ -286,9 +286,10 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     one, other = MotionSignals.of(a.track), MotionSignals.of(b.track)
     for each, motion in ((a, one), (b, other)):
         if motion == MotionSignals():
+            hints = [note.rstrip(".") for note in each.track.notes if "--frames" in note]
+            run_it = "to run the commands in it, give the recording of a motion and --scene SCENE"
             raise LogError(
-                f"{each.path} has no pose and no twist, expected a motion to compare; to run the commands in it, give "
-                "the recording of a motion and --scene SCENE"
+                f"{each.path} has no pose and no twist, expected a motion to compare; {'; '.join([*hints, run_it])}"
             )
     if align == "start":
         return Alignment("start", other.span_ns[0] - one.span_ns[0]), []

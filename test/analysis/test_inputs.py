@@ -254,7 +254,7 @@ def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:
         recorded(one, two)
 
 
-def test_identify_says_how_to_choose_among_several_moving_frames(tmp_path: Path) -> None:
+def test_others_say_how_to_choose_among_several_moving_frames(tmp_path: Path) -> None:
     rows: list[Any] = [
         ("/tf", TF, t, transforms([transform(t, frame, child, row)]))
         for t, row in zip(TIMES, POSES, strict=True)
@@ -263,7 +263,9 @@ def test_identify_says_how_to_choose_among_several_moving_frames(tmp_path: Path)
     pushed = of("Wrench", of("Vector3", 1.0, 0.0, 0.0), of("Vector3", 0.0, 0.0, 0.0))
     rows += [("/w", "geometry_msgs/msg/WrenchStamped", TIMES[0], of("WrenchStamped", header(TIMES[0], "base"), pushed))]
     with pytest.raises(LogError, match=r"found 0 samples .*; .*several frames move .* --frames WORLD:BODY; record the"):
-        read_flight(str(write_bag(tmp_path / "bag", rows)), parse_scene(SCENE))
+        read_flight(str(bag := write_bag(tmp_path / "bag", rows)), parse_scene(SCENE))
+    with pytest.raises(LogError, match=r"no pose and no twist, .*several frames move .* --frames WORLD:BODY; to run"):
+        compare(bag, bag)
 
 
 def test_the_topic_of_transforms_is_used_for_what_its_frames_are() -> None:
