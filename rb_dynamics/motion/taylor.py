@@ -215,10 +215,11 @@ def longest_step(
     accuracy: float,
     horizon: float,
 ) -> float:
-    """Return the longest step (s) that adds at most accuracy * step / horizon to the attitude error at the end.
+    """Return the longest step (s) that adds at most accuracy * step / horizon to the error at the end.
 
-    The last two terms of attitude and rate give the first one left out; an error of the rate grows for the whole
-    horizon. Rounding is not a reason for shorter steps.
+    That is the error of the attitude, plus that of the position relative to the distance travelled. The last two terms
+    of attitude, rate and velocity give the first one left out; an error of the rate grows for the whole horizon.
+    Rounding is not a reason for shorter steps.
     """
     unit = _clock(_rate(inertia, held, angular_velocity))
     memory = _Expansion(
@@ -384,9 +385,17 @@ def _integrals(series: tuple[_Series, _Series, _Series], t: float, order: int) -
 
 
 def _size(series: _Expansion, k: int, horizon: float) -> float:
-    """Return the contribution of coefficient k to the attitude at the end."""
-    (x, y, z, w), (p, q, r) = series.turn, series.omega
-    return 2.0 * norm((norm((x[k], y[k], z[k])), w[k], 0.0)) + horizon * norm((p[k], q[k], r[k]))
+    """Return the contribution of coefficient k to attitude and position at the end.
+
+    The velocity is compared with what the body-fixed force gives in a unit of time: once the body has turned away, it
+    is on average at least as fast. An error of the velocity counts half, as it lasts for half of the run on average.
+    """
+    (x, y, z, w), (p, q, r), (a, b, c) = series.turn, series.omega, series.force
+    size = 2.0 * norm((norm((x[k], y[k], z[k])), w[k], 0.0)) + horizon * norm((p[k], q[k], r[k]))
+    force = norm((a[0], b[0], c[0]))
+    if k > 0 and force > 0.0:
+        size += 0.5 * norm((a[k - 1], b[k - 1], c[k - 1])) / force / k
+    return size
 
 
 TAYLOR = Method(

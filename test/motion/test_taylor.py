@@ -8,10 +8,12 @@ import random
 import numpy as np
 import pytest
 
-from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion import Increment, Inertia, taylor
 from rb_dynamics.numerics.rotation import Quaternion, normalize
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
+from rb_dynamics.run.simulation import simulate
+from rb_dynamics.scene.read import parse_scene
 
 EPS = 2.0**-52
 
@@ -112,3 +114,19 @@ def test_the_work_is_what_the_energy_grows_by(seed: int) -> None:
     work = step.work - math.fsum(p * v for p, v in zip(step.impulse, case(seed)[2], strict=True))
 
     assert work == pytest.approx(0.5 * math.fsum(energies), rel=1e-13)
+
+
+@pytest.mark.parametrize("method", ["auto", "taylor"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("duration", [5.3, 10.0])
+def test_the_accuracy_holds_for_the_position_too(method: str, accuracy: float, duration: float) -> None:
+    """A force turns with a body that spins steadily, and leads it around a circle: an error of the velocity remains."""
+    scene = parse_scene(f"""
+        body: {{mass: 1, inertia: {{diagonal: [1, 1, 1]}}}}
+        initial: {{linear_velocity_world: [0, -1, 0], angular_velocity_body: [0, 0, 1]}}
+        solver: {{method: {method}, accuracy: {accuracy}}}
+        duration: {duration}
+    """)
+    end = simulate(scene, [("wrench", Wrench(force=(1.0, 0.0, 0.0), torque=ZERO))]).sample.position_world
+    x, y = 1.0 - math.cos(duration), -math.sin(duration)
+    assert math.hypot(end[0] - x, end[1] - y) < accuracy * duration
