@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree
 
+from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter
 
 from rb_dynamics.errors import RigidBodyError
@@ -19,14 +21,18 @@ from rb_dynamics.ros.start_arguments import LOGS, parameter
 
 # The topics and services of an action are below this name.
 _ACTION = "/_action/"
+# s until the graph knows all of a node.
+_PATIENCE = 10.0
 
 
 def policy(node: RigidBodyNode, enclave: str) -> str:
-    """Return the SROS2 policy (version 0.2.0) that allows `node`, in `enclave`, exactly what it does."""
+    """Return the SROS2 policy (version 0.2.0) that allows `node`, in `enclave`, exactly what it does.
+
+    Raises:
+        RigidBodyError: the graph does not know all that it does.
+    """
     name, namespace = node.get_name(), node.get_namespace()
-    published = {topic for topic, _ in node.get_publisher_names_and_types_by_node(name, namespace)}
-    read = {topic for topic, _ in node.get_subscriber_names_and_types_by_node(name, namespace)}
-    answered = {service for service, _ in node.get_service_names_and_types_by_node(name, namespace)}
+    published, read, answered = _interface(node)
     root = ElementTree.Element("policy", version="0.2.0")
     profiles = ElementTree.SubElement(
         ElementTree.SubElement(ElementTree.SubElement(root, "enclaves"), "enclave", path=enclave), "profiles"
@@ -45,6 +51,34 @@ def policy(node: RigidBodyNode, enclave: str) -> str:
                 ElementTree.SubElement(group, tag).text = each
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _interface(node: RigidBodyNode) -> list[set[str]]:
+    """Return the topics that the node publishes and reads and the services that it answers, those of rcl included.
+
+    The graph learns of them one by one, after they were made.
+    """
+    made = [
+        {each.topic_name for each in node.publishers},
+        {each.topic_name for each in node.subscriptions},
+        {each.service_name for each in node.services},
+    ]
+    looks = (
+        node.get_publisher_names_and_types_by_node,
+        node.get_subscriber_names_and_types_by_node,
+        node.get_service_names_and_types_by_node,
+    )
+    give_up = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            known = [{name for name, _ in look(node.get_name(), node.get_namespace())} for look in looks]
+        except NodeNameNonExistentError:
+            known = [set(), set(), set()]
+        if all(own <= found for own, found in zip(made, known, strict=True)):
+            return known
+        if time.monotonic() > give_up:
+            raise RigidBodyError(f"the ROS graph does not know all of the node after {_PATIENCE:g} s; try it again")
+        time.sleep(0.01)
 
 
 def _plain(names: Iterable[str]) -> set[str]:

@@ -13,6 +13,7 @@ import pytest
 from command_line import called
 from ros_harness import ROOT
 
+from rb_dynamics.ros.node import RigidBodyNode
 from rb_dynamics.ros.permissions import main
 
 pytestmark = pytest.mark.ros
@@ -40,6 +41,18 @@ def test_the_shipped_policy_is_that_of_the_node() -> None:
     assert "/odom" in names(shipped, "topic", "publish")
     assert "/rigid_body/reset" in names(shipped, "service", "reply")
     assert not names(shipped, "service", "request")
+
+
+def test_the_policy_waits_until_the_graph_knows_the_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine it learns late of the last services."""
+    look, late = RigidBodyNode.get_service_names_and_types_by_node, iter(range(3))
+    monkeypatch.setattr(
+        RigidBodyNode,
+        "get_service_names_and_types_by_node",
+        lambda *node: look(*node)[:1] if next(late, None) is not None else look(*node),
+    )
+    found = generated(str(ROOT / "config" / "free_flyer.yaml"))
+    assert "/rigid_body/reset" in names(found, "service", "reply")
 
 
 def test_a_policy_follows_namespace_remapping_and_scene(tmp_path: Path) -> None:
