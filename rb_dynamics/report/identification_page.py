@@ -79,7 +79,7 @@ def _tiles(found: Identification) -> list[Tile]:
 
 def _tile(label: str, value: float, error: float | None, unit: str) -> Tile:
     if error is None:
-        return Tile(label, "not determined", f"taken: {value:.6g} {unit}")
+        return Tile(label, "not determined", f"value used: {value:.6g} {unit}")
     return Tile(label, f"{value:.6g}", f"± {error:.2g} {unit}")
 
 

@@ -15,6 +15,22 @@ from rb_dynamics.scene.model import Scene
 HOLD = 25
 """Samples for which a wrench is held."""
 
+# Pushes in body axes, and a rotor.
+GYROSTAT = """
+body: {mass: 2, inertia: {diagonal: [0.05, 0.09, 0.11]}}
+initial: {angular_velocity_body: [1.5, -2, 1]}
+effects:
+  - type: scheduled_wrench
+    frame_id: body
+    schedule:
+      - {time: 0, torque: [0.1, -0.05, 0.08], force: [1, 0, 2]}
+      - {time: 0.5, torque: [-0.1, 0.1, 0.05], force: [-2, 1, 0]}
+      - {time: 1.2, torque: [0.02, 0.08, -0.15], force: [0, 3, -1]}
+  - {type: rotor, axis_body: [2, -1, 2], axial_inertia: 1e-4, spin_rate: 300}
+duration: 2
+output_rate: 50
+"""
+
 
 def random_body(random: Any, center: float = 0.0) -> RigidBody:
     """Return a cloud of eight points of some shape."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from identified_flights import flown, guess, random_body
+from identified_flights import GYROSTAT, flown, guess, random_body
 from scipy.integrate import solve_ivp
 
 from rb_dynamics import Identification, LogError, MemorySink, RigidBody, SceneError, identify, parse_scene, simulate
@@ -568,22 +568,6 @@ def of_gyro(body: RigidBody, rates: Any, starts: int = 4) -> Identification:
     return identify(guess(body, moments=(1.0, 1.1, 1.2)), [flight], starts=starts)
 
 
-PUSHED = """
-body: {mass: 2, inertia: {diagonal: [0.05, 0.09, 0.11]}}
-initial: {angular_velocity_body: [1.5, -2, 1]}
-effects:
-  - type: scheduled_wrench
-    frame_id: body
-    schedule:
-      - {time: 0, torque: [0.1, -0.05, 0.08], force: [1, 0, 2]}
-      - {time: 0.5, torque: [-0.1, 0.1, 0.05], force: [-2, 1, 0]}
-      - {time: 1.2, torque: [0.02, 0.08, -0.15], force: [0, 3, -1]}
-  - {type: rotor, axis_body: [2, -1, 2], axial_inertia: 0.01, spin_rate: 20}
-duration: 2
-output_rate: 50
-"""
-
-
 def rates_of(scene: Scene) -> tuple[Array, Array]:
     """Return the times of the outputs of a run and the rates."""
     simulate(scene, (), [sink := MemorySink()])
@@ -596,10 +580,12 @@ def test_where_only_a_product_is_determined_the_scene_has_values_with_that_produ
     inertia: float, rate: float, adapted: float
 ) -> None:
     """It had the two values of the scene given, whose product contradicted the recording."""
-    times, rates = rates_of(parse_scene(PUSHED))
+    times, rates = rates_of(
+        parse_scene(GYROSTAT, "true", {"effects[1].axial_inertia": 0.01, "effects[1].spin_rate": 20.0})
+    )
     noisy = rates + 5e-3 * np.random.default_rng(0).standard_normal(rates.shape)
     flight = Flight("flight", (Stream("twist", RATES, times, noisy),))
-    rough = parse_scene(PUSHED, "rough", {"effects[1].axial_inertia": inertia, "effects[1].spin_rate": rate})
+    rough = parse_scene(GYROSTAT, "rough", {"effects[1].axial_inertia": inertia, "effects[1].spin_rate": rate})
 
     found = identify(rough, [flight], ["inertia", "effects[1].axial_inertia", "effects[1].spin_rate"])
 

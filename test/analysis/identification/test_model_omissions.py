@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from identified_flights import flown, guess, random_body
+from identified_flights import GYROSTAT, flown, guess, random_body
 
 from rb_dynamics import Identification, MemorySink, RigidBody, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
@@ -218,22 +218,6 @@ def test_what_may_be_zero_by_its_own_errors_explains_nothing(size: float) -> Non
     """Where a sample lies on the edge of a command one step says much of a delay, and the fit after it nothing."""
     found = Omission("a delay", ("delay",), (size * 4e-5, -size * 6e-5), (4e-5, 6e-5), "s", 1e-9, np.inf, True, None)
     assert found.significant == (size > 1.0)
-
-
-GYROSTAT = """
-body: {mass: 2, inertia: {diagonal: [0.05, 0.09, 0.11]}}
-initial: {angular_velocity_body: [1.5, -2, 1]}
-effects:
-  - type: scheduled_wrench
-    frame_id: body
-    schedule:
-      - {time: 0, torque: [0.1, -0.05, 0.08], force: [1, 0, 2]}
-      - {time: 0.5, torque: [-0.1, 0.1, 0.05], force: [-2, 1, 0]}
-      - {time: 1.2, torque: [0.02, 0.08, -0.15], force: [0, 3, -1]}
-  - {type: rotor, axis_body: [2, -1, 2], axial_inertia: 1e-4, spin_rate: 300}
-duration: 2
-output_rate: 50
-"""
 
 
 def test_a_rotor_that_the_scene_lacks_is_named() -> None:
