@@ -138,8 +138,8 @@ class Topic:
 
     @property
     def stamped(self) -> bool:
-        """Whether its messages have a header."""
-        return cdr.LAYOUTS[self.type_name][0] == cdr.STAMP
+        """Whether its messages have a header; False of a type whose fields are not known."""
+        return cdr.LAYOUTS.get(self.type_name, ("",))[0] == cdr.STAMP
 
     @property
     def stamps(self) -> Times:

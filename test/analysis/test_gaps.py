@@ -91,6 +91,17 @@ def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
     assert not failing(bag)
 
 
+@pytest.mark.parametrize("time_ns", [0, 20 * 10**9])
+def test_a_topic_of_an_unknown_type_may_be_the_first_or_the_last(time_ns: int) -> None:
+    """An image that was recorded before all else, or after, ended `inspect` with a KeyError."""
+    bag = bag_of(spin().moved(5 * 10**9))
+    bag.topics["/image"] = Topic("/image", "sensor_msgs/msg/Image")
+    add(bag.topics["/image"], time_ns, b"")
+    detail = failing(bag)["/b/pose is whole"]
+    assert detail.endswith("with /image")
+    assert not bag.topics["/image"].stamped
+
+
 def test_fixed_frames_that_came_first_are_no_beginning(tmp_path: Path) -> None:
     """Without a profile in the recording, the pose was said to begin 5 s late."""
     pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
