@@ -30,7 +30,7 @@ from rb_dynamics.analysis.identification.measurement_model import Body, Model, P
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.other_units import doubt_of_acceleration, doubt_of_center, doubt_of_mass
-from rb_dynamics.analysis.identification.parameters import AXES, PLACES
+from rb_dynamics.analysis.identification.parameters import AXES, PLACES, moments_and_axes
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, information
@@ -779,8 +779,8 @@ class _Report:
         found = np.eye(self.model.layout.count)
         if self._has("shape"):
             at = self.model.layout["shape"].at
-            values, axes = np.linalg.eigh(self.model.body(self.z).inertia)
-            root = axes / np.sqrt(values)
+            moments, axes = moments_and_axes(self.model.body(self.z).inertia)
+            root = axes / np.sqrt(moments)
             relative = np.einsum("ia,ijk,jb->abk", root, self._inertia_by()[:, :, at], root).reshape(9, -1)
             _, sizes, turned = np.linalg.svd(relative, full_matrices=False)
             found[at, at] = turned.T / np.maximum(sizes, _FLAT * sizes[0])

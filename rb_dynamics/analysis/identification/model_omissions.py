@@ -18,7 +18,7 @@ import numpy.typing as npt
 from rb_dynamics.analysis.identification.estimation import settled
 from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, RATES
 from rb_dynamics.analysis.identification.measurement_model import Model
-from rb_dynamics.analysis.identification.parameters import ParameterBlock
+from rb_dynamics.analysis.identification.parameters import ParameterBlock, moments_and_axes
 from rb_dynamics.analysis.identification.residual_whiteness import root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, sane, stacked, triangle
@@ -283,7 +283,7 @@ def _candidates(model: Model, z: Array) -> list[Candidate]:
     if not any(key.endswith(".momentum_body") for key in model.fit):
         # Of its inertia the motion tells nothing: it only has to be a part of the body.
         bodies = (model.body(z).inertia, np.array(model.scene.body.inertia))
-        part = _ROTOR * min(float(np.linalg.eigvalsh(inertia)[0]) for inertia in bodies)
+        part = _ROTOR * min(float(moments_and_axes(inertia)[0][0]) for inertia in bodies)
         found.append(Candidate("a rotor momentum in body axes", "N m s", Rotor.kind, "", "momentum_body", part))
     pushed = any(model.moves) or any(s.kind == ACCELERATION for f in model.flights for s in f.streams)
     if pushed:

@@ -127,3 +127,13 @@ def rows_of(six: Array) -> Array:
     """Return the matrix of Ixx, Iyy, Izz, Ixy, Ixz and Iyz."""
     xx, yy, zz, xy, xz, yz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def moments_and_axes(inertia: Array) -> tuple[Array, Array]:
+    """Return the principal moments, ascending and positive, and the axes, as columns, of an inertia.
+
+    The least moment of a rod at which a fit ends that runs away is rounding of the others, and may be negative. It is
+    then as large as rounding can be.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    return np.maximum(moments, np.finfo(np.float64).eps * moments[-1]), axes

@@ -16,7 +16,9 @@ from scipy.integrate import solve_ivp
 from rb_dynamics import Identification, LogError, MemorySink, RigidBody, SceneError, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream
+from rb_dynamics.analysis.identification.identify import _Report
 from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.model_omissions import _candidates
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
 from rb_dynamics.analysis.identification.rotations import quaternions
 from rb_dynamics.analysis.track import Array
@@ -356,6 +358,22 @@ def test_every_number_is_an_inertia(shape: list[float]) -> None:
 
     assert low > 0.0
     assert low + middle >= high * (1.0 - 1e-9)
+
+
+def test_a_fit_that_ran_away_to_a_rod_has_a_result() -> None:
+    """Its least moment is rounding, below zero for some: `identify` ended with "SVD did not converge"."""
+    body = RigidBody.from_diagonal(1.0, (1.0, 1.2, 1.5))
+    model = Model(guess(body), [flown(body, np.random.default_rng(3), torque=1.0)], ("inertia",))
+    report, least = object.__new__(_Report), []
+    for long in np.linspace(16.0, 24.0, 50):
+        z = np.zeros(model.layout.count)
+        z[model.layout["shape"].at] = [-0.5 * long, -0.5 * long, 0.3, -2.7, -13.0]
+        least.append(np.linalg.eigvalsh(model.body(z).inertia)[0])
+        report.model, report.z = model, z
+        assert np.isfinite(report._local()).all()
+        (rotor,) = (each for each in _candidates(model, z) if each.part == "momentum_body")
+        assert rotor.axial_inertia > 0.0
+    assert min(least) < 0.0
 
 
 def test_an_inertia_too_far_away_to_be_a_number_is_none_without_a_warning() -> None:
