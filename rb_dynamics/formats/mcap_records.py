@@ -36,7 +36,7 @@ _FREE_RECORDS, _RECORDS_PER_BYTE = 100_000, 2
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_END_OF_TIME = 2**63
+END_OF_TIME = 2**63
 
 
 class Opcode(enum.IntEnum):
@@ -231,7 +231,7 @@ class McapFile:
         damage: what was left out, one line for each piece.
         unchecked: messages have no checksum, so that changed bytes in them would not be seen.
         missing: first and last log time (ns) of what stood in each piece left out, where the piece still says so.
-        holes: pieces left out so far that do not say so: they stood between the messages around them.
+        holes: pieces left out so far: they stood between the messages around them.
         unplaced: something else may be left out, and nothing says of when.
         metadata: key and value of each metadata record, by its name; of two of one name the later.
         attachments: content by name.
@@ -258,7 +258,11 @@ class McapFile:
     _schemas: dict[int, Schema] = field(default_factory=dict)
     # Of the schemas and channels declared in the data, by opcode and id: no summary replaces them.
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
-    _chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    # Where the index says that chunks are.
+    _chunks: set[int] = field(default_factory=set)
+    # First and last log time of each chunk by the index, and of those that were read; None without a sound index.
+    _indexed: Counter[tuple[int, int]] | None = None
+    _whole: Counter[tuple[int, int]] = field(default_factory=Counter)
     _summary_damaged: bool = False
     # Whether the chunk read last is, or may be.
     _broken: bool = False
@@ -270,8 +274,9 @@ class McapFile:
     _layouts: dict[tuple[int, ...], _Layout] = field(default_factory=dict)
     _held: list[bytes] = field(default_factory=list)
     _held_bytes: int = 0
-    # Records of messages outside of chunks, after what is held.
+    # Records of messages outside of chunks, after what is held; whether there were any.
     _loose: bytearray = field(default_factory=bytearray)
+    _outside: bool = False
 
     def messages(self) -> Iterator[Message]:
         """Yield every message; ends quietly where the file was cut off.
@@ -288,6 +293,13 @@ class McapFile:
             LogError: as `messages`.
         """
         yield from self._read(self._by_channel)
+
+    def lost_chunks(self) -> list[tuple[int, int]] | None:
+        """Return first and last log time (ns) of each chunk that was not read, once all is read to salvage.
+
+        None if the file does not say which chunks there were, or messages stand outside of them.
+        """
+        return None if self._indexed is None or self._outside else sorted((self._indexed - self._whole).elements())
 
     def _read(self, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield what `take` makes of the messages."""
@@ -312,6 +324,7 @@ class McapFile:
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
         self._declared.clear()
+        self._whole.clear()
         self._note_summary(file, size)
         self._held, self._held_bytes = [], 0
         self._loose.clear()
@@ -328,7 +341,7 @@ class McapFile:
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
                 if opcode == Opcode.MESSAGE:
-                    self.unchecked = True
+                    self.unchecked = self._outside = True
                     self._loose += _RECORD.pack(opcode, len(content)) + content
                     if len(self._loose) < _TOGETHER_BYTES:
                         continue
@@ -395,6 +408,7 @@ class McapFile:
             if _RECORD.unpack(head) == (Opcode.FOOTER, _FOOTER.size) and said_start and start is not None:
                 file.seek(start)
                 summary, at = file.read(end - start), 0
+                indexed, chunks = Counter[tuple[int, int]](), -1
                 if said and zlib.crc32(head + footer[:-4], zlib.crc32(summary)) != said:
                     self._summary_damaged = True
                     what = "has a summary whose checksum does not fit its content"
@@ -404,11 +418,17 @@ class McapFile:
                     at += _RECORD.size + length
                     content = summary[at - length : at]
                     with contextlib.suppress(LogError, UnicodeDecodeError):
-                        if opcode == Opcode.CHUNK_INDEX and start == said_start:
+                        if opcode == Opcode.CHUNK_INDEX:
                             begin_ns, end_ns, place = _Fields(content, self._damage).take("QQQ")
-                            self._chunks[place] = begin_ns, end_ns
+                            indexed[begin_ns, end_ns] += 1
+                            if start == said_start:
+                                self._chunks.add(place)
+                        elif opcode == Opcode.STATISTICS:
+                            chunks = _Fields(content, self._damage).take("QHIIII")[-1]
                         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                             self._note(opcode, content, summary=True)
+                if said and not self._summary_damaged and indexed.total() == chunks:
+                    self._indexed = indexed
         file.seek(begin)
 
     def _note_loose(self, opcode: int, content: bytes, summary: bool) -> None:
@@ -502,7 +522,7 @@ class McapFile:
         """Return whether every message has possible times and a channel that is declared."""
         return (
             layout.timed
-            and max(heads["log_time"].max(), heads["publish_time"].max()) < _END_OF_TIME
+            and max(heads["log_time"].max(), heads["publish_time"].max()) < END_OF_TIME
             and self.channels.keys() >= layout.of_channels(heads["channel"]).keys()
         )
 
@@ -572,8 +592,7 @@ class McapFile:
                     if opcode == Opcode.CHUNK:
                         yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
                     return
-                if not any(sound <= at < following for at in self._chunks):
-                    yield _HOLE, b""
+                yield _HOLE, b""
                 start = sound = file.seek(following)
                 continue
             if opcode in _NEEDED:
@@ -635,8 +654,6 @@ class McapFile:
         if following is not None:
             where = f"has no record at {place}, and the next" if following > place else "lost bytes before the record"
             self.damage.append(str(self._damage(f"{where} at {following}")))
-            gone = (times for at, times in self._chunks.items() if sound <= at < following)
-            self.missing += [each for each in gone if each[0] <= each[1] < _END_OF_TIME]
         elif _has_end(file, start, size):
             self.damage.append(str(self._damage(f"has no record at {place}, but more after it")))
             self.unplaced = True
@@ -667,22 +684,24 @@ class McapFile:
     def _chunk(self, content: bytes, unpacked: bytes | None, take: _Take[_Read]) -> Iterator[_Read]:
         try:
             inside = self._decompressed(content) if unpacked is None else unpacked
-            # Zeros in place of a head look like those of an empty chunk.
-            self._broken = self.salvage and not inside
+            begin_ns, end_ns, _, checksum, _ = _CHUNK_HEAD.unpack_from(content)
+            self.unchecked |= not checksum
             self._hold(inside)
             if self.salvage or self._held_bytes >= _TOGETHER_BYTES:
                 yield from self._held_messages(take)
+            if self.salvage:
+                self._whole[begin_ns, end_ns] += 1
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
                 raise
             self._broken = True
             self.damage.append(str(error))
+            self.holes += 1
             with contextlib.suppress(LogError):
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
-                if begin_ns <= end_ns < _END_OF_TIME:
+                # Zeros are no times.
+                if begin_ns <= end_ns and 0 < end_ns < END_OF_TIME:
                     self.missing.append((begin_ns, end_ns))
-                    return
-            self.holes += 1
 
     def _cut_chunk(self, content: bytes, take: _Take[_Read]) -> Iterator[_Read]:
         """Yield the messages before the end of the file; a checksum, which is of the whole chunk, proves nothing."""
@@ -720,7 +739,7 @@ class McapFile:
         if channel is None:
             self._note_damage(f"has a message on channel {channel_id}, which it does not declare")
             return None
-        if log_time >= _END_OF_TIME or publish_time >= _END_OF_TIME:
+        if log_time >= END_OF_TIME or publish_time >= END_OF_TIME:
             self._note_damage(
                 f"has a message on {channel.topic} of log time {log_time} ns and publish time {publish_time} ns, "
                 "beyond the 2^63 ns that ROS counts to"
@@ -833,7 +852,6 @@ class McapFile:
     def _decompressed(self, content: bytes) -> bytes:
         compression, size, checksum, data = self._chunk_head(content)
         data = self._unpacked(compression, data, size)
-        self.unchecked |= not checksum
         if len(data) != size or (checksum and zlib.crc32(data) != checksum):
             raise self._damage("has a chunk whose checksum does not fit its content")
         return data
@@ -845,6 +863,9 @@ class McapFile:
         size, checksum = fields.take("QI")
         compression = fields.text()
         data = fields.rest()[8:] if cut else fields.block("Q")
+        if not size and not fields.at_end:
+            # As where zeros stand in its place.
+            raise self._damage("has a chunk whose head is lost")
         return compression, size, checksum, data
 
     def _unpacked(self, compression: str, data: bytes, size: int) -> bytes:
@@ -947,7 +968,7 @@ def _chunk_length(head: bytes) -> int | None:
     begin_ns, end_ns, unpacked, _, name = _CHUNK_HEAD.unpack_from(head)
     after = _CHUNK_HEAD.size + name
     known = head[_CHUNK_HEAD.size : after] in [each.encode() for each in _DECOMPRESSORS]
-    if not (known and begin_ns <= end_ns < _END_OF_TIME and unpacked <= MAX_RECORD_BYTES):
+    if not (known and begin_ns <= end_ns < END_OF_TIME and unpacked <= MAX_RECORD_BYTES):
         return None
     packed: int = struct.unpack_from("<Q", head, after)[0]
     return packed + after + 8

@@ -13,7 +13,7 @@ from pathlib import Path
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order
 from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, UNPLACED, next_file, version
-from rb_dynamics.formats.mcap_records import McapChannel, McapFile, Message, Schema, instead_of_recover
+from rb_dynamics.formats.mcap_records import END_OF_TIME, McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.rosbag2_metadata import BagFile, write_metadata
@@ -112,23 +112,16 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     # A file that is not MCAP at all is noticed before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
-    holes, before_ns = 0, None
+    order = _Order()
     with OutputFile.whole(target) as file:
         copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
         for message in itertools.chain(first, messages):
             copy.add(message)
-            if old.holes > holes and before_ns is not None:
-                # Messages stand in the order in which they came, which need not be that of their times.
-                begin_ns, end_ns = sorted((before_ns, message.log_time))
-                # What the piece says of its times is less certain: it may have swallowed others.
-                outside = [each for each in old.missing if each[0] < begin_ns or each[1] > end_ns]
-                old.missing = [*outside, (begin_ns, end_ns)]
-            old.unplaced |= old.holes > holes and before_ns is None
-            holes, before_ns = old.holes, message.log_time
+            order.add(message.log_time, old.holes, old.unchecked)
             facts.counts[message.channel.topic] += 1
             facts.start_ns = min(facts.start_ns, message.log_time)
             facts.end_ns = max(facts.end_ns, message.log_time)
-        old.unplaced |= old.holes > holes
+        order.place(old)
         facts.start_ns = min(facts.start_ns, facts.end_ns)
         if not old.complete or old.damage:
             found = [CUT_OFF] * (not old.complete) + [DAMAGED] * bool(old.damage)
@@ -146,6 +139,66 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
     lost = old.damage, old.missing, old.unplaced
     return Recovered(facts, state, channels, *lost, old.unchecked, next_file(old.metadata))
+
+
+class _Order:
+    """The log times of the messages of a file with holes, to bound the times of what stood in these."""
+
+    def __init__(self) -> None:
+        # How far a message is at most behind one that stands before it.
+        self._late_ns = 0
+        self._holes = 0
+        # The latest time so far, and without the last message.
+        self._high_ns: int | None = None
+        self._before_last_ns: int | None = None
+        # Of each hole the latest time before it, and the earliest between it and the next.
+        self._around_ns: list[tuple[int | None, int]] = []
+
+    def add(self, time_ns: int, holes: int, unchecked: bool) -> None:
+        """Note the next message, which stands behind so many holes; `unchecked`: bytes of those before may differ."""
+        if holes > self._holes:
+            # The record before a hole may be what lost bytes: then its time is another.
+            self._around_ns.append((self._before_last_ns if unchecked else self._high_ns, time_ns))
+        elif self._around_ns:
+            before_ns, after_ns = self._around_ns[-1]
+            self._around_ns[-1] = before_ns, min(after_ns, time_ns)
+        self._holes, self._before_last_ns = holes, self._high_ns
+        self._high_ns = max(time_ns, time_ns if self._high_ns is None else self._high_ns)
+        self._late_ns = max(self._late_ns, self._high_ns - time_ns)
+
+    def place(self, old: McapFile) -> None:
+        """Complete the times of what is missing of a file that was read to its end.
+
+        Messages stand in the order in which they came, which need not be that of their times: what is lost is taken to
+        be up to twice as late as what is there.
+        """
+        late_ns = 2 * self._late_ns
+        missing = old.lost_chunks()
+        if missing is None:
+            missing, after_ns = old.missing, END_OF_TIME
+            old.unplaced |= old.holes > self._holes
+            for before_ns, here_ns in reversed(self._around_ns):
+                after_ns = min(after_ns, here_ns)
+                if before_ns is None:
+                    old.unplaced = True
+                else:
+                    begin_ns, end_ns = before_ns - late_ns, after_ns + late_ns
+                    missing.append((max(begin_ns, 0), min(end_ns, END_OF_TIME - 1)))
+        if late_ns and self._high_ns is not None and not old.complete:
+            # So may those in the end that was cut off.
+            missing.append((max(self._high_ns - late_ns, 0), self._high_ns))
+        old.missing = _joined(missing)
+
+
+def _joined(spans_ns: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return spans of time in order, those that overlap as one."""
+    joined: list[tuple[int, int]] = []
+    for begin_ns, end_ns in sorted(spans_ns):
+        if joined and begin_ns <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(joined[-1][1], end_ns)
+        else:
+            joined.append((begin_ns, end_ns))
+    return joined
 
 
 class Copy:

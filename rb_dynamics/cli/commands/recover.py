@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         span = f" from t = {begin:.9g} to {end:.9g} s" if file.counts.total() else ""
         print(f"{file.name}: {file.counts.total()} messages{span}; the file was {each.state}")
         if each.unchecked:
-            print("  its writer left out checksums: whether bytes of messages were changed cannot be known")
+            print("  its writer left out checksums: whether messages were changed or hidden cannot be known")
         for piece in each.damage:
             print(f"  {piece}")
         for begin_ns, end_ns in each.missing:
