@@ -2,7 +2,8 @@
 
 Writes are not buffered, so what `write` has taken survives a kill of the process. An existing file of the same name
 is replaced once the new one can be opened; with `OutputFile.whole`, or `renamed` for other writers, once the new one is
-finished. Of several processes that write one file at once, each writes its own, and one of these keeps the name.
+finished. Of several processes that write one file at once, each writes its own, and one of these keeps the name; what
+one that was killed left is removed by the next that writes this file.
 `require_other` and `require_apart` stop a command from overwriting its input or another of its outputs; `move_aside`
 keeps an earlier log.
 """
@@ -10,6 +11,9 @@ keeps an earlier log.
 from __future__ import annotations
 
 import contextlib
+import functools
+import glob
+import hashlib
 import os
 import re
 import secrets
@@ -72,8 +76,41 @@ def renamed(path: Path) -> Iterator[Path]:
 
 
 def _beside(target: Path) -> Path:
-    """Return a name in the same folder that no other process takes, as several may write one file at once."""
-    return target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    """Return a name in the same folder that no other process takes, as several may write one file at once.
+
+    What a killed writer of this file left there is removed.
+    """
+    begin, end = f".{target.stem}.{_processes()}.", f".part{target.suffix}"
+    for left in target.parent.glob(f"{glob.escape(begin)}*{glob.escape(end)}"):
+        process = left.name[len(begin) :].partition(".")[0]
+        with contextlib.suppress(OSError):
+            if process.isdecimal() and not _runs(int(process)):
+                left.unlink()
+    return target.with_name(f"{begin}{os.getpid()}.{secrets.token_hex(4)}{end}")
+
+
+@functools.cache
+def _processes() -> str:
+    """Return what tells where a number names this process: one boot of a machine, and in it one set of processes.
+
+    A folder may be shared by several machines, and containers. Where it cannot be known, each process is for itself.
+    """
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        where = f"{os.uname().nodename} {boot} {os.readlink('/proc/self/ns/pid')}"
+    except (OSError, AttributeError):
+        return secrets.token_hex(6)
+    return hashlib.sha256(where.encode()).hexdigest()[:12]
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # of another user, or no number of a process
+        pass
+    return True
 
 
 def open_new(path: Path) -> FileIO:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -42,6 +44,40 @@ def test_of_two_that_write_one_file_at_once_one_is_whole(tmp_path: Path, whole: 
                 file.write(data)
     assert path.read_bytes() in (b"first" * 3, b"2nd" * 3)
     assert [each.name for each in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_what_a_killed_writer_left_is_removed_and_what_is_in_use_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "run[1].csv"
+    writes = "import sys, time; from pathlib import Path; from rb_dynamics.formats.output_file import OutputFile\n"
+    writes += "with OutputFile.whole(Path(sys.argv[1])) as file: print(flush=True); time.sleep(600)"
+
+    def begun(target: Path) -> tuple[subprocess.Popen[str], Path]:
+        before = set(tmp_path.iterdir())
+        process = subprocess.Popen([sys.executable, "-c", writes, target], stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "\n"
+        (part,) = {*tmp_path.iterdir()} - before
+        return process, part
+
+    living, in_use = begun(path)
+    killed, left = begun(path)
+    killed_too, of_another = begun(tmp_path / "run.csv")
+    for process in (killed, killed_too):
+        process.kill()
+        process.communicate()
+    # The number of the process counts on another machine, or has no meaning.
+    start, number = left.name.split(f".{killed.pid}.")[0], killed.pid
+    elsewhere = left.with_name(left.name.replace(start, f"{start[:-12]}{'0' * 12}"))
+    unknown = left.with_name(left.name.replace(f".{number}.", ".x."))
+    for each in (elsewhere, unknown):
+        each.write_text("of others")
+    try:
+        with OutputFile.whole(path) as file:
+            file.write(b"new")
+        assert {*tmp_path.iterdir()} == {path, in_use, of_another, elsewhere, unknown}
+    finally:
+        living.kill()
+        living.communicate()
 
 
 def test_the_target_of_a_link_is_replaced(tmp_path: Path) -> None:
