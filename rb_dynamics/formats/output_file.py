@@ -5,7 +5,7 @@ is replaced once the new one can be opened; with `OutputFile.whole`, or `renamed
 finished. Of several processes that write one file at once, each writes its own, and one of these keeps the name; what
 one that was killed left is removed by the next that writes this file.
 `require_other` and `require_apart` stop a command from overwriting its input or another of its outputs; `move_aside`
-keeps an earlier log.
+keeps an earlier log, and `hold` a folder for one bag.
 """
 
 from __future__ import annotations
@@ -277,6 +277,30 @@ def foreign_files(folder: Path) -> list[str]:
     return [name for name in sorted(each.name for each in folder.iterdir()) if not own.fullmatch(name)]
 
 
+def hold(folder: Path) -> int:
+    """Return a descriptor that holds a folder as long as it is open: no other process writes a bag there meanwhile.
+
+    A kill closes it. Where a system cannot lock a folder, as over NFS, nothing is held.
+
+    Raises:
+        LogError: another one holds it.
+    """
+    import fcntl
+
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise LogError(
+            f"cannot write {folder}: another run still records into it, expected a folder for each; give another name, "
+            "or end that run"
+        ) from None
+    except OSError:
+        pass
+    return descriptor
+
+
 def move_aside(path: Path) -> Path | None:
     """Rename an earlier log, a file or the folder of a bag, to the next free number: run.mcap to run.1.mcap.
 
@@ -284,11 +308,12 @@ def move_aside(path: Path) -> Path | None:
     where it is.
 
     Raises:
-        LogError: it cannot be renamed.
+        LogError: it cannot be renamed, or a run still records into it.
     """
     if path.is_dir():
         if foreign_files(path) or not any(path.glob("*.mcap")):
             return None
+        os.close(hold(path))
         stem, suffix = path.name, ""
     elif path.is_file():
         stem, suffix = path.stem, path.suffix

@@ -7,14 +7,15 @@ next, so that the last one is that of the whole run.
 from __future__ import annotations
 
 import os
+import weakref
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import CONTINUES_IN
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.output_file import foreign_files
+from rb_dynamics.formats.output_file import foreign_files, hold, make_folder
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE, BagFile, write_metadata
 from rb_dynamics.run.sink import Epoch, Event, RunInfo, Sample
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
@@ -52,14 +53,24 @@ class BagSink:
         self._channels: dict[str, McapChannel] = {}
         self._end_ns: int | None = None
         self._epoch: Epoch | None = None
+        # Ends the hold of the folder.
+        self._release: Callable[[], object] = lambda: None
 
     def open(self, run: RunInfo) -> None:
         """Begin the first file.
 
         Raises:
-            LogError: the folder holds what is not a part of a bag of its name, or cannot be written.
+            LogError: the folder holds what is not a part of a bag of its name, another run records into it, or it
+                cannot be written.
         """
-        earlier = self._earlier()
+        self._hold()
+        try:
+            self._replace(self._earlier(), run)
+        except LogError:
+            self._release()
+            raise
+
+    def _replace(self, earlier: list[Path], run: RunInfo) -> None:
         self._run, self._states = run, StateHash()
         self._files, self._epoch, self._channels = [], None, {}
         self._end_ns = run.scene.end_ns
@@ -93,14 +104,16 @@ class BagSink:
         """
         if self._sink is None:
             return
-        self._end_file(result)
         try:
+            self._end_file(result)
             write_metadata(self.path, list(self._channels.values()), self._files)
         except OSError as error:
             raise LogError(
                 f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}; free space, the .mcap files "
                 "beside it are whole"
             ) from error
+        finally:
+            self._release()
 
     def _begin_file(self, time_ns: int) -> None:
         name = self._name(len(self._files))
@@ -129,16 +142,24 @@ class BagSink:
     def _name(self, number: int) -> str:
         return f"{self.path.name}_{number}.mcap"
 
+    def _hold(self) -> None:
+        """Make the folder and hold it, see `hold`.
+
+        Raises:
+            LogError: it is a file, cannot be made, or another run records into it.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise LogError(f"cannot write {self.path}: it is a file, expected a folder for a bag; give another name")
+        make_folder(self.path / METADATA_FILE)
+        self._release()
+        self._release = weakref.finalize(self, os.close, hold(self.path))
+
     def _earlier(self) -> list[Path]:
         """Return the files of an earlier bag, which this one replaces.
 
         Raises:
-            LogError: the folder is a file, or contains files that are not part of a bag.
+            LogError: the folder contains files that are not part of a bag.
         """
-        if not self.path.exists():
-            return []
-        if not self.path.is_dir():
-            raise LogError(f"cannot write {self.path}: it is a file, expected a folder for a bag; give another name")
         if foreign := foreign_files(self.path):
             raise LogError(
                 f"{self.path} holds {', '.join(foreign[:5])}, expected a new or empty folder or an earlier bag of that "

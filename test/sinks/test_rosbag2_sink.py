@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.output_file import move_aside
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -120,6 +123,38 @@ def test_an_earlier_bag_is_replaced_and_nothing_else(tmp_path: Path) -> None:
     assert read_bag(folder).topics["/pose"].count == 201
     with pytest.raises(LogError, match="it is a file, expected a folder"):
         simulate(SCENE, (), [BagSink(folder / "notes.txt")])
+
+
+def test_a_folder_into_which_another_process_records_is_refused_until_it_ends(tmp_path: Path) -> None:
+    """The files were those of one, and metadata.yaml that of the other."""
+    folder = tmp_path / "spin"
+    script = (
+        "import sys, time; from rb_dynamics import parse_scene, simulate; "
+        "from rb_dynamics.sinks.rosbag2_sink import BagSink\n"
+        "class Wait:\n"
+        "    def open(self, run): print(flush=True); time.sleep(600)\n"
+        "    def write(self, event): pass\n    def close(self, result): pass\n"
+        f"simulate(parse_scene({SCENE.text!r}), [], [BagSink(sys.argv[1]), Wait()])"
+    )
+    with subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE, text=True) as first:
+        try:
+            assert first.stdout is not None
+            assert first.stdout.readline() == "\n"
+            for act in (lambda: simulate(SCENE, [], [BagSink(folder)]), lambda: move_aside(folder)):
+                with pytest.raises(LogError, match=r"cannot write .*spin: another run still records into it"):
+                    act()
+            assert [each.name for each in folder.iterdir()] == ["spin_0.mcap"]
+        finally:
+            first.kill()
+    simulate(SCENE, [], [BagSink(folder)])
+    assert read_bag(folder).complete
+    # A sink that was not closed holds its folder only while there is one.
+    sink = BagSink(folder)
+    (folder / "notes.txt").touch()
+    with pytest.raises(LogError, match=r"holds notes\.txt"):
+        simulate(SCENE, [], [sink])
+    (folder / "notes.txt").unlink()
+    simulate(SCENE, [], [BagSink(folder)])
 
 
 def test_a_bag_whose_last_file_was_cut_off_is_recovered_as_a_whole(tmp_path: Path) -> None:
