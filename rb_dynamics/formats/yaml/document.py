@@ -96,14 +96,20 @@ def value_of(text: str, source: str) -> object:
     return plain(document["value"]) if isinstance(document, dict) else None
 
 
-def plain(node: Node) -> object:
-    """Return `node` as numbers, strings, lists and mappings of Python; long whole numbers keep all digits."""
+def plain(node: Node, as_written: bool = False) -> object:
+    """Return `node` as numbers, strings, lists and mappings of Python; long whole numbers keep all digits.
+
+    `as_written`: other whole numbers are integers, too, where they are written as such.
+    """
     if isinstance(node.value, dict):
-        return {key: plain(value) for key, value in node.value.items()}
+        return {key: plain(value, as_written) for key, value in node.value.items()}
     if isinstance(node.value, list):
-        return [plain(item) for item in node.value]
-    if isinstance(node.value, float) and abs(node.value) > 2.0**53 and _WHOLE.fullmatch(node.text):
-        return int(node.text)
+        return [plain(item, as_written) for item in node.value]
+    if isinstance(node.value, float) and _WHOLE.fullmatch(node.text):
+        whole = int(node.text)
+        # -0 is not 0.
+        if abs(node.value) > 2.0**53 or (as_written and node.text == str(whole)):
+            return whole
     return node.value
 
 
@@ -129,9 +135,8 @@ def from_python(value: object) -> Node:
 
 def to_text(document: Node, comment: str) -> str:
     """Return YAML that `parse` reads as `document`, headed by `comment`."""
-    body = yaml.dump(
-        plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
-    )
+    values = plain(document, as_written=True)
+    body = yaml.dump(values, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
     return f"# {printable(comment, 1000)}\n{body}"
 
 

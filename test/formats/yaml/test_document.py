@@ -7,7 +7,7 @@ import time
 import pytest
 
 from rb_dynamics.errors import SceneError
-from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, MAX_DEPTH, Node, parse
+from rb_dynamics.formats.yaml.document import MAX_CHARACTERS, MAX_DEPTH, Node, parse, to_text
 from rb_dynamics.formats.yaml.problems import Problems
 
 
@@ -92,3 +92,9 @@ def test_nesting_up_to_the_limit_is_read() -> None:
     assert tree("a: " + "[" * MAX_DEPTH + "]" * MAX_DEPTH)
     with pytest.raises(SceneError):
         tree("a: " + "[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1))
+
+
+def test_a_text_that_is_written_has_whole_numbers_as_they_were() -> None:
+    text = "a: 60\nb: [1.0, -0, 3]\nc: 1e3\n"
+    written = to_text(parse(text, Problems("x")), "x")
+    assert written == "# x\na: 60\nb: [1.0, -0.0, 3]\nc: 1000.0\n"

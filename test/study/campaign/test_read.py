@@ -47,6 +47,7 @@ def test_the_text_tells_nothing_of_the_folder(tmp_path: Path) -> None:
 def test_overrides(tmp_path: Path) -> None:
     campaign = read_campaign(write(tmp_path), {"runs": 5, "seed": 2})
     assert (campaign.runs, campaign.seed) == (5, 2)
+    assert "\nruns: 5\nseed: 2\n" in campaign.text
 
 
 @pytest.mark.parametrize(
