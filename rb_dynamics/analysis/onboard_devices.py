@@ -20,6 +20,7 @@ from rb_dynamics.formats.topic_messages import Topic, unread_words
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.logs.messages import WHEELS, encode_wheels
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.rotation_arrays import rotations_between
 from rb_dynamics.numerics.vector import Vector
@@ -81,7 +82,7 @@ class WheelSpeeds:
     def at_limit_s(self) -> float:
         """How long it was at its limit, s: between two successive outputs that both show it there."""
         there = np.abs(self.speed) >= _AT_LIMIT * self.max_speed
-        return float(np.diff(self.time_ns)[there[1:] & there[:-1]].sum() * 1e-9)
+        return int(np.diff(self.time_ns)[there[1:] & there[:-1]].sum()) / NANOSECONDS
 
 
 @dataclass(frozen=True)

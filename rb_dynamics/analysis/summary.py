@@ -35,6 +35,7 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag
 from rb_dynamics.logs.messages import APPLIED
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.number_parsing import whole_number
 
 EXPLAINS, MASS_EXPLAINS = "inertia explains the motion", "mass explains the motion"
@@ -224,7 +225,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         steps=_whole(result.get("steps", "")),
         start_ns=start,
         zero_ns=track.zero_ns,
-        duration_s=(end - start) * 1e-9,
+        duration_s=(end - start) / NANOSECONDS,
         samples=0 if motion is None else len(motion.time_ns),
         topics=topics,
         moments=tuple(_moments(track)),
@@ -361,10 +362,10 @@ def _topic(topic: Topic, zero_ns: int, use: str) -> TopicFacts:
         type_name=topic.type_name,
         use=use,
         count=len(times),
-        first_s=int(times[0] - zero_ns) * 1e-9,
+        first_s=int(times[0] - zero_ns) / NANOSECONDS,
         rate=mean_rate(times),
-        longest_s=float(steps[longest]) * 1e-9 if len(steps) else 0.0,
-        longest_at_s=int(times[longest] - zero_ns) * 1e-9,
+        longest_s=int(steps[longest]) / NANOSECONDS if len(steps) else 0.0,
+        longest_at_s=int(times[longest] - zero_ns) / NANOSECONDS,
     )
 
 

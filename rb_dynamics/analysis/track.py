@@ -16,6 +16,7 @@ from rb_dynamics.logs.messages import is_state_change
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_order import BACK_NS, Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 
@@ -330,7 +331,7 @@ class Track:
 
     def seconds(self, time_ns: Times) -> Array:
         """Return times as s from `zero_ns`; the difference is computed in integers."""
-        return (time_ns - self.zero_ns).astype(np.float64) * 1e-9
+        return (time_ns - self.zero_ns) / NANOSECONDS
 
 
 @dataclass(frozen=True)

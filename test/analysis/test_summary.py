@@ -24,7 +24,7 @@ from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.inspection_text import as_text
-from rb_dynamics.run.simulation import Simulation
+from rb_dynamics.run.simulation import Simulation, simulate
 from rb_dynamics.run.sink import Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -59,6 +59,17 @@ def twist(time_ns: int, values: tuple[float, ...] = (0.0,) * 6, topic: str = "/b
     return (topic, TWIST, time_ns, (time_ns, frame, values))
 
 
+def test_times_are_the_whole_nanoseconds_of_the_log(tmp_path: Path) -> None:
+    """60 s were 60.00000000000001, as 1e-9 is no double."""
+    scene = "body: {mass: 1, inertia: {diagonal: [1, 2, 3]}}\nduration: 60\noutput_rate: 1\nwrenches: [{topic: w}]\n"
+    commands = [("w", Wrench((1, 0, 0), (0, 0, 0), "body", 59_000_000_003))]
+    simulate(parse_scene(scene), commands, [McapSink(tmp_path / "a.mcap")])
+    found = asdict(summary_of(tmp_path / "a.mcap"))
+    assert found["duration_s"] == 60.0
+    (channel,) = found["channels"]
+    assert channel["first_s"] == 59.000000003
+
+
 def test_numbers_are_those_of_the_run(flight: Any) -> None:
     summary, samples, last = summary_of(flight.log), flight.samples, flight.result.sample
     assert summary.own
@@ -89,7 +100,7 @@ def test_extremes_are_those_of_the_run(flight: Any) -> None:
     size = np.linalg.norm(flight.samples.angular_momentum_world, axis=1)
     found = ranges["angular momentum |L|"]
     assert (found.low, found.high) == (size.min(), size.max())
-    assert found.high_at_s == flight.samples.time_ns[size.argmax()] * 1e-9
+    assert found.high_at_s == flight.samples.time_ns[size.argmax()] / 1e9
     assert ranges["kinetic energy T"].high == flight.samples.kinetic_energy.max()
 
 
