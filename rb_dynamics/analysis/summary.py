@@ -29,7 +29,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track,
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
-from rb_dynamics.formats.message_types import DIAGNOSTICS, SCALAR, TRANSFORMS, VECTOR
+from rb_dynamics.formats.message_types import ACCELERATION, DIAGNOSTICS, SCALAR, TRANSFORMS, VECTOR
 from rb_dynamics.formats.topic_messages import KEPT, Topic
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
@@ -348,6 +348,8 @@ def _use(uses: Mapping[str, str], topic: Topic) -> str:
         return ", ".join(used) or "(another used)"
     if topic.type_name in (VECTOR, SCALAR):
         return "(other name)"
+    if topic.type_name == ACCELERATION:
+        return "(not used)"
     return "(another used)" if topic.type_name in KEPT else "(other type)"
 
 

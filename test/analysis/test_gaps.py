@@ -118,15 +118,17 @@ def test_every_topic_says_what_it_is_used_for_or_why_it_is_not() -> None:
     bag = bag_of(spin(), wrench=True)
     for name, kind, count in (
         ("/c/pose", "geometry_msgs/msg/PoseStamped", 0),
+        ("/accel", "geometry_msgs/msg/AccelStamped", 1),
         ("/temperature", "std_msgs/msg/Float64", 1),
         ("/image", "sensor_msgs/msg/Image", 1),
     ):
         bag.topics[name] = Topic(name, kind)
         for _ in range(count):
-            add(bag.topics[name], 0, bytes(12))
+            add(bag.topics[name], 0, bytes(100))
     bag.topics["/d/pose"] = bag_of(spin(), with_twist=False).topics["/b/pose"]
     bag.topics["/d/pose"].name = "/d/pose"
     assert {topic.name: topic.use for topic in summary_of(bag).topics} == {
+        "/accel": "(not used)",
         "/b/pose": "pose",
         "/b/twist": "twist",
         "/c/pose": "(no messages)",
