@@ -18,6 +18,7 @@ from rb_dynamics.analysis.track import Array
 from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.yaml.document import parse, plain
 from rb_dynamics.formats.yaml.problems import Problems
+from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.scene.model import Scene
@@ -142,7 +143,7 @@ def _axes(name: str, scene: Scene) -> tuple[str, ...] | None:
     if match is None or int(match[1]) >= len(scene.effects):
         return None
     effect: Any = scene.effects[int(match[1])]
-    parts: tuple[str, ...] = (*effect.keys, "momentum_body")
+    parts: tuple[str, ...] = (*effect.keys, *["momentum_body"] * isinstance(effect, Rotor))
     if match[2] is not None:
         entries = effect.entries if isinstance(effect, ScheduledWrench) else ()
         effect = entries[int(match[2])][1] if int(match[2]) < len(entries) else None

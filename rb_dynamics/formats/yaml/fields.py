@@ -208,21 +208,20 @@ class Section:
 
     def number(self, name: str, rule: Rule, default: float, *, required: bool = False) -> float:
         """Return the number `name`, `default` if it is absent."""
-        field = self.get(name)
-        if field is not None:
-            return field.number(rule, default)
-        if required:
-            self.missing(name, rule.expected, f"add the key {name}")
-        return default
+        field = self._given(name, rule, required)
+        return default if field is None else field.number(rule, default)
 
     def whole(self, name: str, rule: Rule, default: int, *, required: bool = False) -> int:
         """Return the whole number `name`, `default` if it is absent."""
+        field = self._given(name, rule, required)
+        return default if field is None else field.whole(rule, default)
+
+    def _given(self, name: str, rule: Rule, required: bool) -> Field | None:
+        """Return the field `name`; None if it is absent, which is a problem if it is `required`."""
         field = self.get(name)
-        if field is not None:
-            return field.whole(rule, default)
-        if required:
+        if field is None and required:
             self.missing(name, rule.expected, f"add the key {name}")
-        return default
+        return field
 
     def vector(self, name: str, rule: Rule) -> Vector:
         """Return the vector `name`, zero if it is absent."""
