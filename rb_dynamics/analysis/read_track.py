@@ -149,7 +149,7 @@ class _TrackReader:
             scene = None
         self.bag, self.scene, self.choice = bag, scene, choice
         self.uses: dict[str, str] = {}
-        self.parent = self.doubt = ""
+        self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
 
     def track(self, spikes: bool) -> Track:
@@ -209,6 +209,7 @@ class _TrackReader:
             body=body,
             body_from=body_from,
             notes=tuple(self.notes),
+            frames_to_choose=self.frames_to_choose,
             uses=self.uses,
             rates=rates,
             specific_force=self.specific_force,
@@ -247,10 +248,11 @@ class _TrackReader:
                     (frames,) = moving
                 elif moving:
                     listed = ", ".join(f"{parent}:{child}" for parent, child in sorted(moving))
-                    self.notes.append(
+                    self.frames_to_choose = (
                         f"There is no topic of a pose, and several frames move ({listed}): choose the body's with "
-                        "--frames WORLD:BODY."
+                        "--frames WORLD:BODY"
                     )
+                    self.notes.append(f"{self.frames_to_choose}.")
         if frames is not None:
             return self._of_frames(*frames)
         topic = self._given(topic, (*POSES, *IMUS), "--pose-topic") if topic else self._best(("imu",), IMUS)

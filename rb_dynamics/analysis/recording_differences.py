@@ -499,7 +499,7 @@ def _nothing(
     found = f"nothing to compare: {by}{a.path} goes {a_goes} and {b.path} {b_goes}"
     if begin > end:
         clocks = ", for one is in simulation time" if alignment.by == "stamp" and a.track.own != b.track.own else ""
-        left_out = "leave out --align for the lag that fits best, or " if by else ""
+        left_out = "leave out --align for the lag that fits best, or " if alignment.asked else ""
         return (
             f"{found}{clocks}, expected a time that both have; {left_out}say how they belong together with --align "
             "start or --align SECONDS, the time of B minus that of A"

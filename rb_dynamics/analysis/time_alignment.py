@@ -55,6 +55,7 @@ class Alignment:
         rival_s: another lag that fits about as well; None without.
         remaining: of a lag that was found, the difference that it leaves relative to the usual one, 0 to 1.
         shared_s: time that both cover at a lag that was found; None otherwise.
+        asked: the user chose it.
     """
 
     by: str
@@ -63,6 +64,7 @@ class Alignment:
     rival_s: float | None = None
     remaining: float | None = None
     shared_s: float | None = None
+    asked: bool = False
 
     @property
     def doubtful(self) -> bool:

@@ -231,6 +231,7 @@ class Track:
         body: mass properties.
         body_from: source of the mass properties; "" without.
         notes: remarks on the data for the reader.
+        frames_to_choose: which frames move, if there is no other pose, and the remedy; "" unless there are several.
         uses: purpose of each topic that is used.
         pointing: angle of the attitude from a target, rad, where one was given.
     """
@@ -252,6 +253,7 @@ class Track:
     body_from: str
     notes: tuple[str, ...]
     uses: Mapping[str, str] = field(default_factory=dict)
+    frames_to_choose: str = ""
     unrecorded: str = ""
     doubt: str = ""
     by_scene: tuple[RecordedWrench, ...] | None = None

@@ -286,21 +286,21 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     one, other = MotionSignals.of(a.track), MotionSignals.of(b.track)
     for each, motion in ((a, one), (b, other)):
         if motion == MotionSignals():
-            hints = [note.rstrip(".") for note in each.track.notes if "--frames" in note]
-            run_it = "to run the commands in it, give the recording of a motion and --scene SCENE"
+            hint = each.track.frames_to_choose and f"{each.track.frames_to_choose}; "
             raise LogError(
-                f"{each.path} has no pose and no twist, expected a motion to compare; {'; '.join([*hints, run_it])}"
+                f"{each.path} has no pose and no twist, expected a motion to compare; {hint}to run the commands in it, "
+                "give the recording of a motion and --scene SCENE"
             )
     if align == "start":
-        return Alignment("start", other.span_ns[0] - one.span_ns[0]), []
+        return Alignment("start", other.span_ns[0] - one.span_ns[0], asked=True), []
     if align == "stamp":
-        return Alignment("stamp", 0), []
+        return Alignment("stamp", 0, asked=True), []
     if align is not None:
         if not isinstance(align, (int, float, Decimal)):
             raise TypeError(
                 f"align is {shown(align)}, expected start, stamp or a number of seconds; write one of these"
             )
-        return Alignment("seconds", round(align * 10**9)), []
+        return Alignment("seconds", round(align * 10**9), asked=True), []
     if flown_ns is None:
         flown_ns = _flown_from(a.track, b.track)
     if flown_ns:
@@ -308,7 +308,7 @@ def _aligned(a: Given, b: Given, flown_ns: int | None, align: Align) -> tuple[Al
     (begin_a, end_a), (begin_b, end_b) = one.span_ns, other.span_ns
     if max(begin_a, begin_b) <= min(end_a, end_b) or flown_ns == 0:
         return Alignment("stamp", 0), [] if flown_ns == 0 else _off_stamps(a.track, b.track, one, other)
-    lag = best_lag(one, other)
+    lag = _lag(a, b, one, other)
     if lag.doubtful:
         offset = Decimal(lag.offset_ns) / 10**9
         raise LogError(
@@ -366,6 +366,21 @@ def _stamped(track: Track) -> tuple[Times, Times]:
         np.concatenate([np.empty(0, np.int64), *map(attrgetter(name), found)]) for name in ("log_times", "stamps")
     )
     return times[stamps != 0], stamps[stamps != 0]
+
+
+def _lag(a: Given, b: Given, one: MotionSignals, other: MotionSignals) -> Alignment:
+    """Return the lag that fits best of two recordings that have no time in common.
+
+    Raises:
+        LogError: nothing in them changes.
+    """
+    try:
+        return best_lag(one, other)
+    except LogError as error:
+        spans = [f"from {begin / 1e9:.16g} to {end / 1e9:.16g} s" for begin, end in (one.span_ns, other.span_ns)]
+        raise LogError(
+            f"{a.path} goes {spans[0]} and {b.path} {spans[1]} by their stamps, with no time in common; {error}"
+        ) from error
 
 
 def _off_stamps(a: Track, b: Track, one: MotionSignals, other: MotionSignals) -> list[str]:

@@ -151,6 +151,22 @@ def test_the_lag_of_a_foreign_bag_is_found_and_with_it_every_bit(log: Path, fold
         rb.compare(log, bag, start_s=7.0)
 
 
+def test_recordings_without_a_common_time_in_which_nothing_changes_are_told_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = str(tmp_path / "a.mcap")
+    scene = rb.parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 4\n")
+    rb.simulate(scene, sinks=[McapSink(log)])
+    early, late = (str(tmp_path / name) for name in ("early.mcap", "late.mcap"))
+    assert main(["convert", log, early, "--to", "1"]) == 0
+    assert main(["convert", log, late, "--from", "2"]) == 0
+    capsys.readouterr()
+    assert main(["compare", late, early]) == 2
+    error = capsys.readouterr().err
+    assert f"{late} goes from 2 to 4 s and {early} from 0 to 1 s by their stamps, with no time in common" in error
+    assert "say how with --align" in error
+
+
 def test_a_lag_that_is_doubtful_gives_no_result(log: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Another motion: differences at the lag that fits best, which was said to be doubtful, passed as results."""
     run = fly(folder / "unlike.mcap", [], initial__angular_velocity_body=[-1.0, 0.2, 0.7])

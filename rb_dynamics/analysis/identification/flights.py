@@ -103,6 +103,7 @@ class Flight:
         moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
         set_ns: when the clock was set forward, likewise: the last stamp before.
         zero_ns: the stamp at which its times begin.
+        frames_to_choose: as in `Track`.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Flight:
     moved_ns: tuple[int, ...] = ()
     set_ns: tuple[int, ...] = ()
     zero_ns: int = 0
+    frames_to_choose: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -121,10 +123,10 @@ class Flight:
         """
         if not any(len(stream.time_ns) >= _FEWEST for stream in self.streams):
             most = max((len(stream.time_ns) for stream in self.streams), default=0)
-            others = [note.rstrip(".") for note in self.notes if "--frames" in note]
+            hint = self.frames_to_choose and f"{self.frames_to_choose}; "
             raise LogError(
                 f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
-                f"a twist or a gyro; {'; '.join([*others, 'record the flight again, or name another recording'])}"
+                f"a twist or a gyro; {hint}record the flight again, or name another recording"
             )
 
     def pieces(self) -> list[Flight]:
@@ -467,6 +469,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         moved,
         () if own else _set_forward(track, zero),
         zero,
+        track.frames_to_choose,
     )
     return found if own else found.between_commands()
 
