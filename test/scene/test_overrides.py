@@ -60,7 +60,7 @@ def test_an_item_with_a_name_is_found_by_it() -> None:
     )
     scene = parse_scene(text, overrides={"sensors.imu.rate": 50, "sensors.imu.gyro.bias[1]": 0, "sensors[0].delay": 1})
     assert [(each.rate, each.delay) for each in scene.sensors] == [(5.0, 1.0), (50.0, 0.0)]
-    assert "[1.0, 0.0, 3.0]" in scene.text
+    assert "[1, 0, 3]" in scene.text
     with pytest.raises(
         SceneError, match=r"sensors.gyro.rate: found no sensor gyro, expected one of cam, imu; correct the override"
     ):
