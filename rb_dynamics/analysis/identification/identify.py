@@ -59,6 +59,8 @@ GROUPS = (
 STARTS = 4
 """Starts of a fit: the body of the scene, and others."""
 
+# The end of a key of the inertia of a rotor.
+_AXIAL = ".axial_inertia"
 # A number is determined if at most this part of its change is in undetermined directions.
 _HIDDEN = 0.05
 # Of what is plausible, the error of a direction that is not determined: a fit may stop anywhere in it.
@@ -715,6 +717,7 @@ class _Report:
             notes=(
                 *self._other_units(body),
                 *self._of_adapted(parameters),
+                *self._of_reversed(),
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *_notes_of(self.model.flights),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
@@ -722,6 +725,16 @@ class _Report:
             predicted=tuple(self.fit.predicted),
             zero_ns=self.model.flights[0].zero_ns,
         )
+
+    def _reversed(self) -> list[str]:
+        """Return the inertias of rotors that were found negative: their momentum is opposite to that of the scene."""
+        found = self.model.effects(self._kept)
+        return [name for name, values in found.items() if name.endswith(_AXIAL) and values[0] < 0.0]
+
+    def _of_reversed(self) -> list[str]:
+        """Return a remark on rotors that the scene gives backwards."""
+        told = "is negative: the momentum is opposite to axis and rate of the scene; in that found the axis is reversed"
+        return [f"{name} {told}" for name in self._reversed()]
 
     def _of_adapted(self, parameters: Sequence[Parameter]) -> list[str]:
         """Return a remark on numbers of which a combination is determined."""
@@ -1050,6 +1063,12 @@ class _Report:
             least = 0.0 if name.endswith((".rotation", ".translation")) else -np.inf
             kept = np.maximum(values, least).tolist()
             overrides[name] = kept if len(kept) > 1 else kept[0]
+        # A scene takes no negative one.
+        for name in self._reversed():
+            found, axis = self.model.effects(self._kept), name.replace(_AXIAL, ".axis_body")
+            given: Any = scene.effects[int(name.removeprefix("effects[").partition("]")[0])]
+            overrides[name] = -float(found[name][0])
+            overrides[axis] = [-float(x) for x in found.get(axis, given.axis_body)]
         state, _ = self.model.start_of(self._kept, 0)
         along = ("", scene.frames.body_frame)
         gyros = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and each.frame in along]

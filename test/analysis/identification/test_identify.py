@@ -130,6 +130,18 @@ def test_the_axis_of_a_rotor_is_found(rotor_log: Path) -> None:
     assert np.array(rotor.axis_body) / np.linalg.norm(rotor.axis_body) == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)
 
 
+def test_a_rotor_that_is_given_backwards_gives_a_scene_that_runs(rotor_log: Path) -> None:
+    """Its inertia was negative, which no scene takes."""
+    scene = parse_scene(ROTOR, "rough", {"effects[0].axis_body": [0.0, -1.0, 0.0]})
+    found = identify(scene, rotor_log, ["effects[0].axial_inertia"])
+    assert [each.value for each in found.parameters if "axial" in each.name] == pytest.approx([-0.02], rel=1e-4)
+    assert any("axial_inertia is negative" in note for note in found.notes)
+    rotor = found.scene.effects[0]
+    assert isinstance(rotor, Rotor)
+    assert rotor.axial_inertia == pytest.approx(0.02, rel=1e-4)
+    assert rotor.axis_body == (0.0, 1.0, 0.0)
+
+
 @pytest.mark.parametrize("center", [[0.0, 0.0, 0.0], [0.05, 0.0, -0.02]])
 def test_a_body_is_found_from_a_log_whose_position_stays_at_zero(rotor_log: Path, center: list[float]) -> None:
     """Zero was taken to be exact, so that a centre of mass off by anything was no motion."""
