@@ -52,11 +52,11 @@ class ObjectCode:
             OSError: the file cannot be written.
         """
         path.parent.mkdir(parents=True, exist_ok=True)
-        digest = hashlib.sha256(self.code).hexdigest()
-        head = json.dumps({"symbol": self.symbol, "externals": self.externals, "sha256": digest})
+        head = json.dumps({"symbol": self.symbol, "externals": self.externals})
+        whole = head.encode() + b"\n" + self.code
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
         try:
-            part.write_bytes(head.encode() + b"\n" + self.code)
+            part.write_bytes(_digest(whole) + b"\n" + whole)
             part.replace(path)
         except OSError:
             with contextlib.suppress(OSError):
@@ -70,14 +70,16 @@ class ObjectCode:
         Raises:
             OSError: the file cannot be read.
         """
-        head, _, code = path.read_bytes().partition(b"\n")
-        try:
-            facts = json.loads(head)
-            if hashlib.sha256(code).hexdigest() == facts["sha256"]:
-                return cls(facts["symbol"], tuple(facts["externals"]), code)
-        except (ValueError, LookupError, TypeError):
-            pass
-        return None
+        digest, _, whole = path.read_bytes().partition(b"\n")
+        if digest != _digest(whole):
+            return None
+        head, _, code = whole.partition(b"\n")
+        facts = json.loads(head)
+        return cls(facts["symbol"], tuple(facts["externals"]), code)
+
+
+def _digest(whole: bytes) -> bytes:
+    return hashlib.sha256(whole).hexdigest().encode()
 
 
 class Native:

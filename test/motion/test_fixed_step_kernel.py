@@ -440,15 +440,27 @@ def test_compiled_code_takes_no_other_array_than_it_was_made_for() -> None:
 
 
 @needs_numba
-@pytest.mark.parametrize("left", [0, 40, -1])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda kept: kept[:0],
+        lambda kept: kept[:40],
+        lambda kept: kept[:-1],
+        # The name under which the function is looked up: the code itself is whole.
+        lambda kept: kept.replace(b"_doubled", b"_doublee", 1),
+    ],
+)
 def test_a_cache_that_cannot_be_read_is_begun_anew(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture, left: int
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    damage: Callable[[bytes], bytes],
 ) -> None:
     """Damaged cache files must not run, since they contain code."""
     monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path)
     assert doubled(3.0) == 6.0
     (broken,) = tmp_path.iterdir()
-    broken.write_bytes(broken.read_bytes()[:left])
+    broken.write_bytes(damage(broken.read_bytes()))
 
     assert doubled(3.0) == 6.0
     assert "_doubled was compiled, as" in caplog.text
