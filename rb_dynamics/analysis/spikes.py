@@ -79,13 +79,30 @@ def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes 
 
     It is motion if the `speeds` (n,), m/s, are by then other than those to which the positions about it lead.
     """
+    return _that_come_back(series, speeds, "m")
+
+
+def spikes_of_attitude(series: TimeSeries, rates: TimeSeries | None) -> Spikes | None:
+    """Return the spikes of attitudes, unit quaternions xyzw (n, 4), at different times; None without any.
+
+    It is motion if the magnitudes of the `rates` (n,), rad/s, are by then other than the attitudes about it lead to.
+    """
+    # The ends of the three axes are at one place in R^9, which moves at sqrt(2) |w| and knows no sign of quaternions.
+    axes = np.hstack([rotate_all(series.values, np.tile(axis, (len(series.values), 1))) for axis in np.eye(3)])
+    speeds = None if rates is None else replace(rates, values=np.sqrt(2.0) * rates.values)
+    found = _that_come_back(replace(series, values=axes), speeds, "rad")
+    return found and replace(found, size=2.0 * np.arcsin((found.size / np.sqrt(8.0)).clip(max=1.0)))
+
+
+def _that_come_back(series: TimeSeries, speeds: TimeSeries | None, unit: str) -> Spikes | None:
+    """Return the spikes of places (n, k) as `spikes_of_position`, in `unit`."""
     time_ns, rows = series.time_ns, series.values
     if len(time_ns) <= _STEPS:
         return None
     seconds = (time_ns - time_ns[0]) * 1e-9
     rates = _usual_rates(seconds, rows)
     steps = rates * np.diff(seconds)[:, None]
-    odd = _all_far(rows - np.vstack([np.zeros((1, 3)), np.cumsum(steps, axis=0)]))
+    odd = _all_far(rows - np.vstack([np.zeros((1, rows.shape[1])), np.cumsum(steps, axis=0)]))
     # At the ends, the usual rate is that of a time farther inside.
     for end in (slice(None, _STEPS + _AROUND), slice(-_STEPS - _AROUND, None)):
         odd[end] &= _all_far(rows)[end]
@@ -109,7 +126,7 @@ def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes 
         spans = (slice(*each) for each in np.searchsorted(speeds.time_ns, np.stack(list(ends), axis=1)))
         beyond = [np.abs(speeds.values[s] - u).max(initial=0.0) for s, u in zip(spans, speed, strict=True)]
         alone &= np.array(beyond) * usual <= _FOLLOWS * size
-    return Spikes("m", time_ns[at[alone]], size[alone]) if alone.any() else None
+    return Spikes(unit, time_ns[at[alone]], size[alone]) if alone.any() else None
 
 
 def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[np.bool_]:

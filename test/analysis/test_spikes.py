@@ -1,4 +1,4 @@
-"""Spikes of a twist are named and not judged, those of a position are left out; what another sensor shows is motion."""
+"""Spikes of a twist are named and not judged, those of a pose are left out; what another sensor shows is motion."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import pytest
 from noisy_recordings import flipping, recording
 from tumbling import bag_of, failing, spin
 
+from rb_dynamics import RigidBody, State, free_motion
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.spikes import spikes_of_position, without_spikes
+from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.analysis.unexplained_wrench import residual
-from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import exponentials, lengths, product, rotate_all, rotate_all_inverse
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -136,6 +137,30 @@ def test_positions_that_a_velocity_follows_are_no_spikes() -> None:
     assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is not None
     speeds[[499, 501]] = 25.0
     assert spikes_of_position(series, TimeSeries("/v", time_ns, speeds)) is None
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-2])
+def test_attitudes_that_come_back_are_spikes_unless_a_gyro_shows_them(noise: float) -> None:
+    for seed in range(20):
+        random, time_ns = np.random.default_rng(seed), np.arange(1000) * 10_000_000
+        body = RigidBody.from_diagonal(1.0, (1.0, 2.0, 2.5))
+        spin = random.uniform(0.01, 5.0) * random.standard_normal(3)
+        motion = free_motion(body, State(angular_velocity_body=tuple(spin.tolist())), time_ns * 1e-9)
+        attitudes = product(motion.orientation_xyzw, exponentials(noise * random.standard_normal((1000, 3))))
+        # Both signs are one attitude.
+        attitudes *= random.choice([-1.0, 1.0], (1000, 1))
+        gyro = TimeSeries("/w", time_ns, lengths(motion.angular_velocity_body))
+        assert spikes_of_attitude(TimeSeries("/q", time_ns, attitudes), None) is None
+        at = [300, 301, 302, 900]
+        attitudes[at] = product(attitudes[at], exponentials(np.tile([0.0, 0.0, 1.5], (4, 1))))
+        series = TimeSeries("/q", time_ns, attitudes)
+        for rates in (None, gyro):
+            found = spikes_of_attitude(series, rates)
+            assert found is not None
+            assert (found.time_ns // 10_000_000).tolist() == at
+            assert found.size == pytest.approx(1.5, abs=0.1)
+        gyro.values[[299, 302, 303, 899, 900]] += 150.0
+        assert spikes_of_attitude(series, gyro) is None
 
 
 def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:

@@ -18,7 +18,7 @@ from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, list
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
-from rb_dynamics.analysis.spikes import spikes_of_position, without_spikes
+from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
@@ -239,7 +239,7 @@ class Flight:
         return self._without_samples(at, f"of a command: {why}")
 
     def without_spikes(self) -> Flight:
-        """Return the same without spikes of positions, velocities and rates that nothing else follows.
+        """Return the same without spikes of poses, velocities and rates that nothing else follows.
 
         One far away leaves more than all noise, and nothing would be known.
         """
@@ -258,9 +258,10 @@ class Flight:
     def _spikes(self, stream: Stream) -> Spikes | None:
         """Return the spikes of a stream that nothing else follows; None of one without."""
         by_kind = {kind: [each for each in self.streams if each.kind == kind] for kind in UNITS}
-        if stream.kind == POSITION:
-            quick = [TimeSeries(s.topic, s.time_ns, np.linalg.norm(s.values, axis=1)) for s in by_kind[VELOCITY]]
-            return spikes_of_position(TimeSeries(stream.topic, stream.time_ns, stream.values), next(iter(quick), None))
+        if stream.kind in (POSITION, ATTITUDE):
+            of, derivative = (spikes_of_position, VELOCITY) if stream.kind == POSITION else (spikes_of_attitude, RATES)
+            quick = [TimeSeries(s.topic, s.time_ns, np.linalg.norm(s.values, axis=1)) for s in by_kind[derivative]]
+            return of(TimeSeries(stream.topic, stream.time_ns, stream.values), next(iter(quick), None))
         if stream.kind not in (VELOCITY, RATES):
             return None
         pose, turned = None, next(iter(by_kind[ATTITUDE]), None)

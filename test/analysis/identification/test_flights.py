@@ -46,7 +46,7 @@ from rb_dynamics.analysis.summary import EXPLAINS, summarize
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
-from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
+from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse
 from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -543,6 +543,22 @@ def test_a_position_far_away_is_left_out_and_named() -> None:
     (mass,) = (each for each in found.parameters if each.name == "mass")
     assert mass.standard_error is not None
     assert abs(mass.value - body.mass) < 4.0 * mass.standard_error
+
+
+def test_attitudes_far_away_are_left_out_and_named() -> None:
+    """As where markers are mistaken for one another; five of 301 left nothing known."""
+    body = random_body(np.random.default_rng(3))
+    made = flown(body, np.random.default_rng(3), torque=1.0, pose=1e-3)
+    gyro, attitude, position = made.streams
+    values = attitude.values.copy()
+    flipped = [40, 120, 121, 122, 250]
+    values[flipped] = product(values[flipped], np.tile([0.0, 0.0, 1.0, 0.0], (5, 1)))
+    streams = (gyro, replace(attitude, values=values), position)
+    found = identify(guess(body), [replace(made, streams=streams)], ["inertia"])
+    assert found.passed
+    assert found.explained
+    (said,) = (note for note in found.notes if "spike" in note)
+    assert "pose attitude: of 301 samples 5 are spikes, up to 3.07 rad from the samples about them" in said
 
 
 @pytest.mark.parametrize("pose", [None, 1e-3])
