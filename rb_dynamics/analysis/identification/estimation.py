@@ -49,6 +49,8 @@ _ROUNDING = 1e-11
 # Of the noise, what the error of the steps may be.
 _STEPS = 0.05
 _SMALLEST_TURN = 2e-3
+# Of the mean second derivative of a loss.
+_LEAST_BEND = 1e-3
 # Degrees of freedom from which on a sensor has a noise of its own in each flight.
 _ALONE = 30.0
 
@@ -192,6 +194,8 @@ def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converge
         z, converged = again.x, bool(again.status > 0)
         predicted = _of_a_motion(model, z, noise)
     left, weighted = stacked(predicted, noise)
+    if loss != "linear":
+        weighted = stacked(predicted, _of_errors(predicted, noise, loss))[1]
     return Fit(z, noise, [each.without_derivatives() for each in predicted], weighted, left, 1, 1, converged)
 
 
@@ -369,6 +373,27 @@ def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, fl
         level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
         found[each.key] = max(float(level), floor_of(model, each.key))
     return found
+
+
+def _of_errors(predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
+    """Return the noise of each stream with which the errors of least squares are those of a robust loss.
+
+    They are larger by sqrt(E psi^2) / E psi', with the derivative psi of the loss: Huber & Ronchetti, Robust Statistics
+    (2009), section 7.6.
+    """
+    return {each.key: noise[each.key] * _times_larger(each.left / noise[each.key], loss) for each in predicted}
+
+
+def _times_larger(left: Array, loss: str) -> float:
+    squares = left**2
+    if loss == "huber":
+        slopes, bends = 1.0 / np.sqrt(np.maximum(squares, 1.0)), 1.0 * (squares <= 1.0)
+    elif loss == "soft_l1":
+        slopes, bends = (1.0 + squares) ** -0.5, (1.0 + squares) ** -1.5
+    else:
+        slopes, bends = 1.0 / (1.0 + squares), (1.0 - squares) / (1.0 + squares) ** 2
+    # Nothing is known of a stream of outliers alone.
+    return float(np.sqrt(np.mean(squares * slopes**2)) / max(float(np.mean(bends)), _LEAST_BEND))
 
 
 def _refine(model: Model, z: Array, noise: dict[Key, float], predicted: Sequence[Predicted]) -> bool:
