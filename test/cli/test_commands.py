@@ -216,7 +216,9 @@ class TestSet:
     @pytest.mark.parametrize(
         ("text", "says"),
         [("duration", "expected KEY=VALUE"), ("body.mass=", "expected KEY=VALUE"), ("duration=abc", "duration"),
-         ("body.mass=[", "valid YAML"), ("nonsense=1", "nonsense")],
+         ("body.mass=[", "valid YAML"), ("nonsense=1", "nonsense"),
+         ("body.inertia={diagonal: [1, 1, 1], diagonal: [2, 2, 2]}", "diagonal: found again"),
+         ("body.mass=2\nduration: 3", "duration: found another key")],
     )  # fmt: skip
     def test_nonsense_is_answered(self, scene: Path, text: str, says: str) -> None:
         result = command("simulate", scene, "--set", text)

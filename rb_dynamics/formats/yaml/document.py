@@ -90,10 +90,17 @@ def value_of(text: str, source: str) -> object:
     """Return the node for `text` as the value of a key.
 
     Raises:
-        SceneError: it is not YAML.
+        SceneError: it is not YAML, has a key twice, or goes on with another key.
     """
-    document = parse(f"value: {text}", Problems(source)).value
-    return plain(document["value"]) if isinstance(document, dict) else None
+    problems = Problems(source)
+    document = parse(f"value: {text}", problems).value
+    keys = document if isinstance(document, dict) else {}
+    for key, node in keys.items():
+        if key != "value":
+            problems.add(node.key_line, key, "found another key, expected one value; give each an option of its own")
+    if problems:
+        raise problems.error()
+    return plain(keys["value"])
 
 
 def plain(node: Node, as_written: bool = False) -> object:
