@@ -24,7 +24,7 @@ from rb_dynamics.loads.effect import Point
 from rb_dynamics.loads.varying_load import evaluated
 from rb_dynamics.motion.fixed_step_kernel import OnDemand
 from rb_dynamics.motion.plugin_kernels import are_ready, plugin_kernels
-from rb_dynamics.numerics.compilation import compiled_apart, specialise
+from rb_dynamics.numerics.compilation import block, compiled_apart, flat, lane, specialise
 from rb_dynamics.numerics.rotation import Quaternion, multiply, rotate, rotate_inverse
 from rb_dynamics.numerics.vector import ZERO, Vector, add_scaled
 
@@ -48,6 +48,9 @@ HELD = 19
 BODY = 28
 """Size of a body: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, m, then k, c, k2, c2, wind of c, wind of c2 and g, three each."""
 
+LANES = 4
+"""Columns that are computed side by side: a kernel works on a multiple of them, the last of which may be zeros."""
+
 LOADED = 5
 """Numbers of a row of other effects before theirs: 1 / (difference of a parameter), and principal to body axes."""
 
@@ -57,7 +60,8 @@ _MOVED = 1e-6
 _SIGNATURE = (
     "void(float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
     "float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1], int64[::1], int64, int64, "
-    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, :, ::1])"
+    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1], "
+    "float64[:, :, ::1])"
 )
 
 
@@ -77,8 +81,8 @@ def rates(
 ) -> None:
     """Write the rates of state `x` and columns `s`, `time` (s) after the start of the interval, to `dx` and `ds`.
 
-    `inverse` is the inverse inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, m) are the derivatives of
-    `body` and `held` with respect to the parameters of the columns; `held_by` belongs to the last m of the n columns.
+    `inverse` is the inverse inertia, row by row. `body_by` (BODY, n) and `held_by` (HELD, n) are the derivatives of
+    `body` and `held` with respect to the parameters of the n columns, a multiple of `LANES`.
     `loads` are the other effects: none, or rows of `LOADED` numbers and those of `EffectLoad`. The first is at the
     parameters, and two of each column are at one that is larger, and smaller; 1 / difference is 0 if it does not count.
     If `moves` is 0, p and v are left out.
@@ -132,71 +136,85 @@ def rates(
     p3 = r31 * f1 + r32 * f2 + r33 * f3 + held[8] + l3
     dx[7], dx[8], dx[9] = x[10], x[11], x[12]
     dx[10], dx[11], dx[12] = p1 / m + body[25], p2 / m + body[26], p3 / m + body[27]
-    first = s.shape[1] - held_by.shape[1]
-    for j in columns_of(s, first):
-        e1, e2, e3 = s[0, j], s[1, j], s[2, j]
-        o1, o2, o3 = s[3, j], s[4, j], s[5, j]
-        ds[0, j] = o1 - (w2 * e3 - w3 * e2)
-        ds[1, j] = o2 - (w3 * e1 - w1 * e3)
-        ds[2, j] = o3 - (w1 * e2 - w2 * e1)
-        b11, b22, b33 = body_by[0, j], body_by[1, j], body_by[2, j]
-        b12, b13, b23 = body_by[3, j], body_by[4, j], body_by[5, j]
-        # Change of H.
-        y1 = b11 * w1 + b12 * w2 + b13 * w3 + i11 * o1 + i12 * o2 + i13 * o3
-        y2 = b12 * w1 + b22 * w2 + b23 * w3 + i12 * o1 + i22 * o2 + i23 * o3
-        y3 = b13 * w1 + b23 * w2 + b33 * w3 + i13 * o1 + i23 * o2 + i33 * o3
-        along = (w1 * o1 + w2 * o2 + w3 * o3) * slope
-        t1 = -k1 * o1 - (body_by[7, j] + body_by[13, j] * rate + body[13] * along) * w1
-        t2 = -k2 * o2 - (body_by[8, j] + body_by[14, j] * rate + body[14] * along) * w2
-        t3 = -k3 * o3 - (body_by[9, j] + body_by[15, j] * rate + body[15] * along) * w3
-        # R^T t_w turns back as the body turns.
-        t1 += g2 * e3 - g3 * e2
-        t2 += g3 * e1 - g1 * e3
-        t3 += g1 * e2 - g2 * e1
-        l1, l2, l3 = 0.0, 0.0, 0.0
-        if len(loads) > 0:
-            (l1, l2, l3), (d1, d2, d3) = load_changes(loads, j, held[18] + time, x, s)
-            t1, t2, t3 = t1 + d1, t2 + d2, t3 + d3
-        if is_held(j, first):
-            i = of_held(j, first)
-            y1 += held_by[12, i] + held_by[15, i] * time
-            y2 += held_by[13, i] + held_by[16, i] * time
-            y3 += held_by[14, i] + held_by[17, i] * time
-            d1, d2, d3 = held_by[9, i], held_by[10, i], held_by[11, i]
-            t1 += held_by[3, i] + r11 * d1 + r21 * d2 + r31 * d3 - held_by[15, i]
-            t2 += held_by[4, i] + r12 * d1 + r22 * d2 + r32 * d3 - held_by[16, i]
-            t3 += held_by[5, i] + r13 * d1 + r23 * d2 + r33 * d3 - held_by[17, i]
-        t1 -= o2 * h3 - o3 * h2 + w2 * y3 - w3 * y2 + b11 * a1 + b12 * a2 + b13 * a3
-        t2 -= o3 * h1 - o1 * h3 + w3 * y1 - w1 * y3 + b12 * a1 + b22 * a2 + b23 * a3
-        t3 -= o1 * h2 - o2 * h1 + w1 * y2 - w2 * y1 + b13 * a1 + b23 * a2 + b33 * a3
-        ds[3, j] = inverse[0] * t1 + inverse[1] * t2 + inverse[2] * t3
-        ds[4, j] = inverse[3] * t1 + inverse[4] * t2 + inverse[5] * t3
-        ds[5, j] = inverse[6] * t1 + inverse[7] * t2 + inverse[8] * t3
+    # Side by side, and to memory that is apart: so the compiler vectorises over columns.
+    out, other = block(COLUMN, LANES), block(6, LANES)
+    for begin in range(0, s.shape[1], LANES):
+        write_other(other, loads, begin, held[18] + time, x, s)
+        for c in columns_from(begin, s):
+            o, j = lane(c), column(begin, c)
+            e1, e2, e3 = s[0, j], s[1, j], s[2, j]
+            o1, o2, o3 = s[3, j], s[4, j], s[5, j]
+            out[0, o] = o1 - (w2 * e3 - w3 * e2)
+            out[1, o] = o2 - (w3 * e1 - w1 * e3)
+            out[2, o] = o3 - (w1 * e2 - w2 * e1)
+            b11, b22, b33 = body_by[0, j], body_by[1, j], body_by[2, j]
+            b12, b13, b23 = body_by[3, j], body_by[4, j], body_by[5, j]
+            # Change of H.
+            y1 = b11 * w1 + b12 * w2 + b13 * w3 + i11 * o1 + i12 * o2 + i13 * o3
+            y2 = b12 * w1 + b22 * w2 + b23 * w3 + i12 * o1 + i22 * o2 + i23 * o3
+            y3 = b13 * w1 + b23 * w2 + b33 * w3 + i13 * o1 + i23 * o2 + i33 * o3
+            along = (w1 * o1 + w2 * o2 + w3 * o3) * slope
+            t1 = -k1 * o1 - (body_by[7, j] + body_by[13, j] * rate + body[13] * along) * w1
+            t2 = -k2 * o2 - (body_by[8, j] + body_by[14, j] * rate + body[14] * along) * w2
+            t3 = -k3 * o3 - (body_by[9, j] + body_by[15, j] * rate + body[15] * along) * w3
+            # R^T t_w turns back as the body turns.
+            t1 += g2 * e3 - g3 * e2
+            t2 += g3 * e1 - g1 * e3
+            t3 += g1 * e2 - g2 * e1
+            t1, t2, t3 = t1 + other[3, o], t2 + other[4, o], t3 + other[5, o]
+            y1 += held_by[12, j] + held_by[15, j] * time
+            y2 += held_by[13, j] + held_by[16, j] * time
+            y3 += held_by[14, j] + held_by[17, j] * time
+            d1, d2, d3 = held_by[9, j], held_by[10, j], held_by[11, j]
+            t1 += held_by[3, j] + r11 * d1 + r21 * d2 + r31 * d3 - held_by[15, j]
+            t2 += held_by[4, j] + r12 * d1 + r22 * d2 + r32 * d3 - held_by[16, j]
+            t3 += held_by[5, j] + r13 * d1 + r23 * d2 + r33 * d3 - held_by[17, j]
+            t1 -= o2 * h3 - o3 * h2 + w2 * y3 - w3 * y2 + b11 * a1 + b12 * a2 + b13 * a3
+            t2 -= o3 * h1 - o1 * h3 + w3 * y1 - w1 * y3 + b12 * a1 + b22 * a2 + b23 * a3
+            t3 -= o1 * h2 - o2 * h1 + w1 * y2 - w2 * y1 + b13 * a1 + b23 * a2 + b33 * a3
+            out[3, o] = inverse[0] * t1 + inverse[1] * t2 + inverse[2] * t3
+            out[4, o] = inverse[3] * t1 + inverse[4] * t2 + inverse[5] * t3
+            out[5, o] = inverse[6] * t1 + inverse[7] * t2 + inverse[8] * t3
         if moves != 0:
-            ds[6, j], ds[7, j], ds[8, j] = s[9, j], s[10, j], s[11, j]
-            c1, c2, c3 = s[9, j] - body_by[19, j], s[10, j] - body_by[20, j], s[11, j] - body_by[21, j]
-            v1 = r11 * c1 + r21 * c2 + r31 * c3 + u2 * e3 - u3 * e2
-            v2 = r12 * c1 + r22 * c2 + r32 * c3 + u3 * e1 - u1 * e3
-            v3 = r13 * c1 + r23 * c2 + r33 * c3 + u1 * e2 - u2 * e1
-            c1, c2, c3 = s[9, j] - body_by[22, j], s[10, j] - body_by[23, j], s[11, j] - body_by[24, j]
-            n1 = r11 * c1 + r21 * c2 + r31 * c3 + z2 * e3 - z3 * e2
-            n2 = r12 * c1 + r22 * c2 + r32 * c3 + z3 * e1 - z1 * e3
-            n3 = r13 * c1 + r23 * c2 + r33 * c3 + z1 * e2 - z2 * e1
-            grows = (z1 * n1 + z2 * n2 + z3 * n3) * steep
-            v1 = -body_by[10, j] * u1 - body[10] * v1 - body_by[16, j] * speed * z1
-            v2 = -body_by[11, j] * u2 - body[11] * v2 - body_by[17, j] * speed * z2
-            v3 = -body_by[12, j] * u3 - body[12] * v3 - body_by[18, j] * speed * z3
-            v1 -= body[16] * (grows * z1 + speed * n1) + f2 * e3 - f3 * e2
-            v2 -= body[17] * (grows * z2 + speed * n2) + f3 * e1 - f1 * e3
-            v3 -= body[18] * (grows * z3 + speed * n3) + f1 * e2 - f2 * e1
-            if is_held(j, first):
-                i = of_held(j, first)
-                v1, v2, v3 = v1 + held_by[0, i], v2 + held_by[1, i], v3 + held_by[2, i]
-                l1, l2, l3 = l1 + held_by[6, i], l2 + held_by[7, i], l3 + held_by[8, i]
-            lighter = body_by[6, j] / m
-            ds[9, j] = (r11 * v1 + r12 * v2 + r13 * v3 + l1 - p1 * lighter) / m + body_by[25, j]
-            ds[10, j] = (r21 * v1 + r22 * v2 + r23 * v3 + l2 - p2 * lighter) / m + body_by[26, j]
-            ds[11, j] = (r31 * v1 + r32 * v2 + r33 * v3 + l3 - p3 * lighter) / m + body_by[27, j]
+            for c in columns_from(begin, s):
+                o, j = lane(c), column(begin, c)
+                e1, e2, e3 = s[0, j], s[1, j], s[2, j]
+                l1, l2, l3 = other[0, o], other[1, o], other[2, o]
+                out[6, o], out[7, o], out[8, o] = s[9, j], s[10, j], s[11, j]
+                c1, c2, c3 = s[9, j] - body_by[19, j], s[10, j] - body_by[20, j], s[11, j] - body_by[21, j]
+                v1 = r11 * c1 + r21 * c2 + r31 * c3 + u2 * e3 - u3 * e2
+                v2 = r12 * c1 + r22 * c2 + r32 * c3 + u3 * e1 - u1 * e3
+                v3 = r13 * c1 + r23 * c2 + r33 * c3 + u1 * e2 - u2 * e1
+                c1, c2, c3 = s[9, j] - body_by[22, j], s[10, j] - body_by[23, j], s[11, j] - body_by[24, j]
+                n1 = r11 * c1 + r21 * c2 + r31 * c3 + z2 * e3 - z3 * e2
+                n2 = r12 * c1 + r22 * c2 + r32 * c3 + z3 * e1 - z1 * e3
+                n3 = r13 * c1 + r23 * c2 + r33 * c3 + z1 * e2 - z2 * e1
+                grows = (z1 * n1 + z2 * n2 + z3 * n3) * steep
+                v1 = -body_by[10, j] * u1 - body[10] * v1 - body_by[16, j] * speed * z1
+                v2 = -body_by[11, j] * u2 - body[11] * v2 - body_by[17, j] * speed * z2
+                v3 = -body_by[12, j] * u3 - body[12] * v3 - body_by[18, j] * speed * z3
+                v1 -= body[16] * (grows * z1 + speed * n1) + f2 * e3 - f3 * e2
+                v2 -= body[17] * (grows * z2 + speed * n2) + f3 * e1 - f1 * e3
+                v3 -= body[18] * (grows * z3 + speed * n3) + f1 * e2 - f2 * e1
+                v1, v2, v3 = v1 + held_by[0, j], v2 + held_by[1, j], v3 + held_by[2, j]
+                l1, l2, l3 = l1 + held_by[6, j], l2 + held_by[7, j], l3 + held_by[8, j]
+                lighter = body_by[6, j] / m
+                out[9, o] = (r11 * v1 + r12 * v2 + r13 * v3 + l1 - p1 * lighter) / m + body_by[25, j]
+                out[10, o] = (r21 * v1 + r22 * v2 + r23 * v3 + l2 - p2 * lighter) / m + body_by[26, j]
+                out[11, o] = (r31 * v1 + r32 * v2 + r33 * v3 + l3 - p3 * lighter) / m + body_by[27, j]
+        for r in range(s.shape[0]):
+            for c in columns_from(begin, s):
+                ds[r, column(begin, c)] = out[r, lane(c)]
+
+
+def write_other(other: Any, loads: Any, begin: int, at: float, x: Numbers, s: Numbers) -> None:
+    """Write the changes of force and torque of other effects with the parameters of columns side by side."""
+    for c in range(min(LANES, s.shape[1] - begin)):
+        o, force, torque = lane(c), ZERO, ZERO
+        if 1 + 2 * (begin + c) < len(loads):
+            force, torque = load_changes(loads, begin + c, at, x, s)
+        other[0, o], other[1, o], other[2, o] = force
+        other[3, o], other[4, o], other[5, o] = torque
 
 
 @compiled_apart
@@ -276,6 +294,7 @@ def propagate_sensitivities(
     moves: int,
     work: Numbers,
     work_by: Numbers,
+    work_held: Numbers,
     states: Numbers,
     columns: Numbers,
     slopes: Numbers,
@@ -288,7 +307,7 @@ def propagate_sensitivities(
         start_by: columns.
         body: (BODY,).
         inverse: (9,), of the inertia.
-        body_by: (BODY, n).
+        body_by: (BODY, N): the next multiple N of `LANES`, with zeros after n.
         held: (k, HELD), of each interval.
         held_by: (k, HELD, m), for the last m of the columns; or (1, HELD, m), the same for all.
         loads: (0 or 1 + 2 n, ...), see `rates`.
@@ -298,7 +317,8 @@ def propagate_sensitivities(
         first: the interval at whose start `start` is: 1 if the flight goes on and interval 0 is the one before, else 0.
         moves: 1 if position and velocity count; 0 if not, and then columns may end before their changes.
         work: (4, STATE), overwritten.
-        work_by: (4, COLUMN, n), overwritten.
+        work_by: (4, COLUMN, N), overwritten; zeros after n.
+        work_held: (HELD, N), likewise, and zeros before the last m of the n.
         states: (k, STATE), to be written.
         columns: (k, COLUMN, n), likewise.
         slopes: (k, STATE), rates of the state, likewise; or (0, STATE), and they are left out.
@@ -306,105 +326,97 @@ def propagate_sensitivities(
     """
     x, at, dx, end = work[0], work[1], work[2], work[3]
     s, at_by, ds, end_by = work_by[0], work_by[1], work_by[2], work_by[3]
-    last = len(held_by) - 1
+    first_held = start_by.shape[1] - held_by.shape[2]
     copy(start, start_by, x, s)
     for k in range(first, len(lengths)):
         if shifts[k] >= 0 and k > 0:
             # If the interval starts later, the rates before its start act for longer, and those after it for less.
             for side in range(2):
                 b, ahead = k - 1 + side, lengths[k - 1] * (1 - side)
-                rates(x, s, body, inverse, body_by, held[b], held_by[min(b, last)], loads, ahead, moves, dx, ds)
+                take(held_by, b, first_held, work_held)
+                rates(x, s, body, inverse, body_by, held[b], work_held, loads, ahead, moves, dx, ds)
                 for i in range(3):
                     s[3 + i, shifts[k]] += (1 - 2 * side) * dx[4 + i]
                     s[9 + i, shifts[k]] += (1 - 2 * side) * dx[10 + i]
+        take(held_by, k, first_held, work_held)
         h = lengths[k] / steps[k]
         for step in range(steps[k]):
             copy(x, s, at, at_by)
             copy(x, s, end, end_by)
             for stage in range(4):
                 ahead = (step + 0.5 * ((stage + 1) // 2)) * h
-                rates(at, at_by, body, inverse, body_by, held[k], held_by[min(k, last)], loads, ahead, moves, dx, ds)
-                add(h / (3.0 if stage in (1, 2) else 6.0), dx, ds, end, end_by)
-                copy(x, s, at, at_by)
-                add(h * (1.0 if stage == 2 else 0.5), dx, ds, at, at_by)
+                rates(at, at_by, body, inverse, body_by, held[k], work_held, loads, ahead, moves, dx, ds)
+                add(h / (3.0 if stage in (1, 2) else 6.0), dx, ds, end, end_by, end, end_by)
+                add(h * (1.0 if stage == 2 else 0.5), dx, ds, x, s, at, at_by)
             copy(end, end_by, x, s)
             length = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2] + x[3] * x[3])
             for i in range(4):
                 x[i] /= length
         copy(x, s, states[k], columns[k])
         if len(slopes) > 0:
-            ahead = lengths[k]
-            rates(
-                x,
-                s,
-                body,
-                inverse,
-                body_by,
-                held[k],
-                held_by[min(k, last)],
-                loads,
-                ahead,
-                moves,
-                slopes[k],
-                slopes_by[k],
-            )
+            rates(x, s, body, inverse, body_by, held[k], work_held, loads, lengths[k], moves, dx, ds)
+            copy(dx, ds, slopes[k], slopes_by[k])
+
+
+def take(held_by: Numbers, k: int, first: int, to: Numbers) -> None:
+    """Copy the derivatives of what is held in interval k to the columns from `first` on."""
+    k = min(k, len(held_by) - 1)
+    for r in range(held_by.shape[1]):
+        for i in range(held_by.shape[2]):
+            to[r, first + i] = held_by[k, r, i]
 
 
 def copy(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
-    """Copy a state and its columns."""
+    """Copy a state and as many of its columns as both have."""
     for i in range(len(x)):
         to_x[i] = x[i]
     for i in range(s.shape[0]):
-        for j in range(s.shape[1]):
+        for j in range(min(s.shape[1], to_s.shape[1])):
             to_s[i, j] = s[i, j]
 
 
-def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
-    """Add h times the rates to a state and its columns."""
+def add(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
+    """Write a state and its columns, with h times the rates added."""
     for i in range(len(x)):
-        x[i] += h * dx[i]
-    for i in range(s.shape[0]):
-        for j in range(s.shape[1]):
-            s[i, j] += h * ds[i, j]
+        to_x[i] = x[i] + h * dx[i]
+    rates_by, by, to = flat(ds), flat(s), flat(to_s)
+    for i in range(len(by)):
+        to[i] = by[i] + h * rates_by[i]
 
 
-def columns_of(s: Numbers, _first: int) -> Iterable[Any]:
-    """Return the indices of the columns."""
-    return range(s.shape[1])
+def columns_from(_begin: int, _s: Numbers) -> Iterable[Any]:
+    """Return the indices of columns side by side."""
+    return range(LANES)
 
 
-def is_held(j: Any, first: int) -> bool:
-    """Return whether the held wrench depends on the parameter of a column."""
-    return bool(j >= first)
+def column(begin: int, c: Any) -> Any:
+    """Return the index of the column that is the c-th from `begin` on."""
+    return lane(begin) + lane(c)
 
 
-def of_held(j: Any, first: int) -> Any:
-    """Return the index of such a column in `held_by`."""
-    return j - first
+# Without a compiler, numpy computes many columns at once: the same bits, ten times as fast.
+_MANY = 64
 
 
-# Without a compiler, numpy computes all columns at once: the same bits, ten times as fast.
+def _all_from(begin: int, s: Numbers) -> Iterable[Any]:
+    return (slice(0, min(_MANY, s.shape[1] - begin)),)
 
 
-def _columns_in_two(s: Numbers, first: int) -> Iterable[Any]:
-    return [part for part in (slice(0, first), slice(first, s.shape[1])) if part.start < part.stop]
-
-
-def _is_held_slice(j: Any, first: int) -> bool:
-    return bool(j.start >= first)
-
-
-def _slice_of_held(j: Any, first: int) -> Any:
-    return slice(0, j.stop - first)
+def _slice_from(begin: int, c: Any) -> Any:
+    return slice(begin, begin + c.stop)
 
 
 def _copy_whole(x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
-    to_x[:], to_s[:] = x, s
+    count = min(s.shape[1], to_s.shape[1])
+    to_x[:], to_s[:, :count] = x, s[:, :count]
 
 
-def _add_whole(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers) -> None:
-    x += h * dx
-    s += h * ds
+def _add_whole(h: float, dx: Numbers, ds: Numbers, x: Numbers, s: Numbers, to_x: Numbers, to_s: Numbers) -> None:
+    to_x[:], to_s[:] = x + h * dx, s + h * ds
+
+
+def _take_whole(held_by: Numbers, k: int, first: int, to: Numbers) -> None:
+    to[:, first : first + held_by.shape[2]] = held_by[min(k, len(held_by) - 1)]
 
 
 def _load_in_python(loads: Any, row: int, at: float, *where: Any) -> tuple[Vector, Vector]:
@@ -417,15 +429,15 @@ def _load_in_python(loads: Any, row: int, at: float, *where: Any) -> tuple[Vecto
     return found
 
 
-def _changes_of_columns(loads: Any, j: Any, at: float, x: Numbers, s: Numbers) -> Any:
-    import numpy as np
-
-    found = [_changes_in_python(loads, i, at, x, s) for i in range(j.start, j.stop)]
-    return tuple(tuple(np.array([each[k][i] for each in found]) for i in range(3)) for k in range(2))
+def _other_or_none(other: Any, loads: Any, *where: Any) -> None:
+    other[:] = 0.0
+    if len(loads) > 0:
+        _other_in_python(other, loads, *where)
 
 
 _load_at_in_python = specialise(load_at, "load_in_python", load_of=_load_in_python)
 _changes_in_python = specialise(load_changes, "changes_in_python", load_at=_load_at_in_python)
+_other_in_python = specialise(write_other, "other_in_python", LANES=_MANY, load_changes=_changes_in_python)
 
 plain = specialise(
     propagate_sensitivities,
@@ -433,12 +445,13 @@ plain = specialise(
     rates=specialise(
         rates,
         "rates_of_rows",
-        columns_of=_columns_in_two,
-        is_held=_is_held_slice,
-        of_held=_slice_of_held,
+        LANES=_MANY,
+        columns_from=_all_from,
+        column=_slice_from,
         load_at=_load_at_in_python,
-        load_changes=_changes_of_columns,
+        write_other=_other_or_none,
     ),
+    take=_take_whole,
     copy=_copy_whole,
     add=_add_whole,
 )

@@ -32,7 +32,7 @@ from rb_dynamics.loads.gyrostat_rotor import Rotor
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import WORLD, Wrench
-from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, STATE, kernel, plain
+from rb_dynamics.motion.variational_equations import BODY, COLUMN, HELD, LANES, STATE, kernel, plain
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.vector import ZERO, Vector
 from rb_dynamics.scene.model import Scene
@@ -523,8 +523,10 @@ class Model:
             numbers[:] = np.nan
         advance, loads = self._others_acting(z, mine, others or CombinedEffects(self.scene.body), int(steps.sum()))
         columns = np.ascontiguousarray(columns[: COLUMN if moves else 6, mine])
-        by = np.ascontiguousarray(by[:, mine])
-        work = np.empty((4, STATE)), np.empty((4, *columns.shape))
+        places = -(-len(mine) // LANES) * LANES
+        body_by = np.zeros((BODY, places))
+        body_by[:, : len(mine)] = by[:, mine]
+        work = np.empty((4, STATE)), np.zeros((4, len(columns), places)), np.zeros((HELD, places))
         # The jerk of an accelerometer is taken between its samples.
         size = count if any(stream.kind == ACCELERATION for stream in streams) else _BLOCK
         for first in range(0, count, size):
@@ -547,8 +549,8 @@ class Model:
             going_on = first - these.start
             with np.errstate(all="ignore"):
                 advance(
-                    state, columns, numbers, inverse, by, held, held_by, loads, lengths[these], steps[these], shifts,
-                    going_on, moves, *work, *seen
+                    state, columns, numbers, inverse, body_by, held, held_by, loads, lengths[these], steps[these],
+                    shifts, going_on, moves, *work, *seen
                 )  # fmt: skip
             state, columns = seen.states[-1].copy(), seen.columns[-1].copy()
             seen = _Seen(*(part[going_on:] for part in seen))
