@@ -120,7 +120,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Let the tests of ROS go first: they mostly wait, and what they wait for is late while others use all cores."""
-    if "PYTEST_XDIST_WORKER" in os.environ and ROOT / "test" / "ros" not in item.path.parents and os.nice(0) == NICE:
+    if "PYTEST_XDIST_WORKER" in os.environ and os.nice(0) == NICE and not item.nodeid.startswith("test/ros/"):
         os.nice(5)
 
 

@@ -288,7 +288,8 @@ class TestFreeRotation:
             assert turned > 1.0, "it has not left the axis"
             return
 
-        expected, rates = free_rotation(moments, spin, time, 450)
+        # Squares of `off` beside 1, and 70 digits of those.
+        expected, rates = free_rotation(moments, spin, time, round(70.0 - 2.0 * math.log10(off)))
         bound = 100.0 * EPS * (1.0 + norm(spin) * time)
         assert angle(expected, turn) <= bound
         assert max(abs(float(a - b)) for a, b in zip(rates, omega, strict=True)) <= bound
