@@ -102,17 +102,21 @@ def thin(values: Array, max_points: int = MAX_POINTS) -> NDArray[np.intp]:
     count = len(values)
     if count <= max_points:
         return np.arange(count)
-    kept: set[int] = set()
     edges = np.linspace(0, count, max_points // 5 + 1).astype(int)
-    for start, stop in itertools.pairwise(edges):
-        bucket = values[start:stop]
-        gaps = np.isnan(bucket)
-        kept |= {start, stop - 1}
-        if gaps.any():
-            kept.add(start + int(gaps.argmax()))
-        if not gaps.all():
-            kept |= {start + int(np.nanargmin(bucket)), start + int(np.nanargmax(bucket))}
-    return np.array(sorted(kept))
+    starts = edges[:-1]
+    bucket = np.repeat(np.arange(len(starts)), np.diff(edges))
+    gaps = np.isnan(values)
+    kept = [starts, edges[1:] - 1, _first(gaps, bucket)]
+    for extreme, other in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        known = np.where(gaps, other, values)
+        kept.append(_first(known == extreme.reduceat(known, starts)[bucket], bucket))
+    return np.unique(np.concatenate(kept))
+
+
+def _first(which: NDArray[np.bool_], bucket: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the first index in each bucket that has one."""
+    found = np.flatnonzero(which)
+    return found[np.unique(bucket[found], return_index=True)[1]]
 
 
 def draw(panels: Sequence[Panel], name: str, span_s: Array | None = None) -> Picture:
