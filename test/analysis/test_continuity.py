@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_rows import add
+from bag_rows import add_stamped
 from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of, checks_of, failing, fill, spin
 
@@ -33,8 +33,11 @@ def odometry(name: str, motion: Tumble) -> Topic:
     rows = np.hstack(
         [motion.position, motion.orientation_xyzw, np.zeros((len(body), 36)), body, np.zeros((len(body), 36))]
     )
-    for stamp, row in zip(motion.time_ns.tolist(), rows.tolist(), strict=True):
-        add(topic, stamp, cdr.encode(ODOMETRY, stamp, "world", "base", row[:7], row[7:43], row[43:49], row[49:]))
+
+    def encode(stamp: int, row: list[float]) -> bytes:
+        return cdr.encode(ODOMETRY, stamp, "world", "base", row[:7], row[7:43], row[43:49], row[49:])
+
+    add_stamped(topic, motion.time_ns, motion.time_ns, rows, encode)
     return topic
 
 

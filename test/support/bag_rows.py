@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rb_dynamics.formats import cdr
-from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema, in_blocks
+from rb_dynamics.formats.mcap_records import McapChannel, Message, MessageBlock, Schema, in_blocks
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.topic_messages import Topic
 
@@ -25,6 +28,23 @@ def add(topic: Topic, log_time: int, data: bytes) -> None:
     channel = McapChannel(topic.name, Schema(topic.type_name), "cdr", {})
     for block in in_blocks([Message(channel, log_time, log_time, data)]):
         topic.take(block)
+
+
+def add_stamped(
+    topic: Topic, log_times: Any, stamps: Any, rows: Any, encode: Callable[[int, list[float]], bytes]
+) -> None:
+    """Add a message for each row, of a type that ends with its numbers, in one block as a reader has it.
+
+    `encode` returns the message of a stamp and a row.
+    """
+    found = [encode(int(stamps[k]), rows[k].tolist()) for k in (0, -1)]
+    data = np.tile(np.frombuffer(found[0], np.uint8), (len(rows), 1))
+    data[:, 4:12] = np.column_stack(np.divmod(stamps, 10**9)).astype("<i4").view(np.uint8)
+    data[:, -8 * rows.shape[1] :] = np.ascontiguousarray(rows, "<f8").view(np.uint8)
+    assert data[-1].tobytes() == found[-1]
+    ends = data.shape[1] * np.arange(1, len(rows) + 1)
+    channel = McapChannel(topic.name, Schema(topic.type_name), "cdr", {})
+    topic.take(MessageBlock(channel, np.array(log_times, np.int64), data.ravel(), ends - data.shape[1], ends))
 
 
 def write_rows(path: Path, rows: list[Row], encoding: str = "cdr", **options: Any) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bag_rows import add
+from bag_rows import add_stamped
 
 from rb_dynamics import State
 from rb_dynamics.body.rigid_body import RigidBody
@@ -180,8 +180,7 @@ def _turning(body: RigidBody, rates: Any, times: Any, torque: Any, tracker: floa
 
 def _topic(name: str, type_name: str, times: Any, frame: str, rows: Any) -> Topic:
     topic = Topic(name, type_name)
-    for stamp, row in zip(times.tolist(), rows.tolist(), strict=True):
-        add(topic, stamp, cdr.encode(type_name, stamp, frame, row))
+    add_stamped(topic, times, times, rows, lambda stamp, row: cdr.encode(type_name, stamp, frame, row))
     return topic
 
 

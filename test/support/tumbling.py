@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bag_rows import add
+from bag_rows import add_stamped
 
 from rb_dynamics.analysis.checks import Check
 from rb_dynamics.analysis.read_track import read_track
@@ -104,8 +104,7 @@ def bag_of(
 def fill(topic: Topic, time_ns: Any, frame: str, rows: Any, logged_later_ns: Any) -> None:
     """Add a stamped message for each row."""
     logged = time_ns + logged_later_ns
-    for stamp, log_time, row in zip(time_ns.tolist(), logged.tolist(), rows.tolist(), strict=True):
-        add(topic, log_time, cdr.encode(topic.type_name, stamp, frame, row))
+    add_stamped(topic, logged, time_ns, rows, lambda stamp, row: cdr.encode(topic.type_name, stamp, frame, row))
 
 
 def summary_of(bag: Bag) -> RunSummary:
