@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -305,7 +306,7 @@ class Track:
         """Pose and twist, as far as they are recorded."""
         return tuple(series for series in (self.pose, self.twist) if series is not None)
 
-    @property
+    @cached_property
     def scene(self) -> Scene | None:
         """The scene of a log of this package."""
         return logged_scene(self.bag.attachments) if self.own else None
