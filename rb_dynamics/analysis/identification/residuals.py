@@ -148,8 +148,20 @@ def noise_of(model: Model, each: Predicted) -> float:
     interval = usual_interval(each.time_ns) * 1e-9
     steps = np.abs(np.diff(each.measured, axis=0))
     least = float(steps[steps > 0.0].min(initial=np.inf))
-    turn = model.starts[each.flight].fastest * interval
-    return max(noise_beneath(each.left, turn, least if np.isfinite(least) else 0.0), floor_of(model, each.key))
+    turn, least = model.starts[each.flight].fastest * interval, least if np.isfinite(least) else 0.0
+    found = noise_beneath(each.left, turn, least)
+    if _rms(each.left) > _FOLLOWED * _motion(each):
+        # A body that is predicted to tumble changes faster than what was measured: that is no noise of the sensor.
+        found = min(found, noise_beneath(_moved(each), turn, least))
+    return max(found, floor_of(model, each.key))
+
+
+def _moved(each: Predicted) -> Array:
+    """Return what a stream measured, of attitudes the sum of the turns (rad) from sample to sample."""
+    if each.key[1] != ATTITUDE:
+        return each.measured
+    turns = rotations.products(rotations.conjugates(each.measured[:-1]), each.measured[1:])
+    return np.cumsum(np.vstack([np.zeros(3), rotations.logarithms(turns)]), axis=0)
 
 
 def _motion(each: Predicted) -> float:

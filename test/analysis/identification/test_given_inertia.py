@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noisy_recordings import Recording, flipping, recording, shaken, spun_up
+from noisy_recordings import Recording, flipping, recording, scene_of, shaken, spun_up
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification import given_inertia
@@ -48,6 +48,15 @@ def test_an_inertia_is_judged_by_poses_alone(seed: int) -> None:
         rtol=0,
         atol=6.0 * max(other.moment_errors),
     )
+
+
+@pytest.mark.parametrize("factor", [0.03, 0.003])
+def test_a_body_that_tumbles_away_from_its_poses_does_not_explain_them(factor: float) -> None:
+    """What it leaves changes as quickly as noise does, and was taken for the noise of the poses."""
+    made = recording(0)
+    whole, body = track_of(made, without="/b/twist"), made.body
+    light = scene_of(body.mass, factor * np.array(body.inertia), body.center_of_mass)
+    assert not judged(read_track(whole.bag, light)).explained
 
 
 def test_an_error_of_two_per_cent_is_found_with_its_standard_error() -> None:
