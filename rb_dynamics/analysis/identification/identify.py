@@ -29,7 +29,12 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATE
 from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
-from rb_dynamics.analysis.identification.other_units import doubt_of_acceleration, doubt_of_center, doubt_of_mass
+from rb_dynamics.analysis.identification.other_units import (
+    doubt_of_acceleration,
+    doubt_of_center,
+    doubt_of_inertia,
+    doubt_of_mass,
+)
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES, moments_and_axes
 from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
@@ -753,6 +758,8 @@ class _Report:
             of_inertia = float(np.trace(np.array(body.inertia)) / np.trace(np.array(given.inertia)))
         if self._has("mass") and self._told("mass") and (doubt := doubt_of_mass(body.mass, given.mass, of_inertia)):
             notes.append(f"the mass found is {doubt}; correct the units, or the scene if they are right")
+        elif of_inertia is not None and (doubt := doubt_of_inertia(of_inertia)):
+            notes.append(f"the inertia found is {doubt}; correct the units, or the scene if they are right")
         if self._has("center_of_mass") and self._told("center_of_mass"):
             notes.append(doubt_of_center(float(np.linalg.norm(body.center_of_mass)), self.model.arm))
         for name, values in self.model.effects(self._kept).items():

@@ -1,9 +1,12 @@
-"""Signs of other units than SI: a mass or a centre of mass far from that of the body given, or gravity in other units.
+"""Signs of other units than SI: mass, inertia or centre of mass far from those given, or gravity in other units.
 
 Positions in millimetres, under forces in N, are those of a body a thousand times lighter: nothing contradicts that.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Mapping
 
 POSITIONS = {"millimetres": 1e-3, "centimetres": 1e-2, "kilometres": 1e3}
 """m in other units of positions."""
@@ -17,14 +20,19 @@ _CAUSES = {
     1e-2: "lengths in centimetres",
     1e3: "lengths in kilometres or forces in mN",
 }
-
+_CAUSES_OF_INERTIA = {
+    1e-3: "torques in kN m",
+    1.0 / math.degrees(1.0): "rates in degrees per second",
+    1e2: "torques in N cm",
+    1e3: "torques in mN m",
+}
 
 # m/s^2, that of the Earth to this fraction: it differs from place to place, and a scene may have it once already.
 _GRAVITY, _OF_GRAVITY = 9.81, 0.015
 
 
 def is_far(fitted: float, given: float) -> bool:
-    """Return whether a mass is so far from the one given that units are the likelier cause."""
+    """Return whether a mass or an inertia is so far from the one given that units are the likelier cause."""
     return not 1.0 / _FAR < fitted / given < _FAR
 
 
@@ -36,12 +44,27 @@ def doubt_of_mass(fitted: float, given: float, of_inertia: float | None = None) 
     if not is_far(fitted, given):
         return ""
     ratio = fitted / given
-    told = f"{ratio:.4g} times more" if ratio > 1.0 else f"{1.0 / ratio:.4g} times less"
-    cause = next((cause for power, cause in _CAUSES.items() if 1.0 / _NEAR < ratio / power < _NEAR), "")
-    cause = cause or "lengths or forces in other units"
+    cause = _cause(ratio, _CAUSES) or "lengths or forces in other units"
     if of_inertia is not None and 1.0 / _NEAR < of_inertia / ratio < _NEAR:
         cause = "all wrenches, or the body given, in other units, for so is the inertia"
-    return f"{told} than the {given:g} kg given, as of {cause}"
+    return f"{_times(ratio)} than the {given:g} kg given, as of {cause}"
+
+
+def doubt_of_inertia(ratio: float) -> str:
+    """Return what a fitted inertia that is far from the one given tells, by their ratio; "" for one that is not."""
+    if not is_far(ratio, 1.0):
+        return ""
+    return f"{_times(ratio)} than that given, as of {_cause(ratio, _CAUSES_OF_INERTIA) or 'torques in other units'}"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.4g} times more" if ratio > 1.0 else f"{1.0 / ratio:.4g} times less"
+
+
+def _cause(ratio: float, causes: Mapping[float, str]) -> str:
+    """Return the cause of the nearest factor; "" where none is near."""
+    factor = min(causes, key=lambda each: abs(math.log(ratio / each)))
+    return causes[factor] if 1.0 / _NEAR < ratio / factor < _NEAR else ""
 
 
 def doubt_of_center(distance: float, radius: float) -> str:

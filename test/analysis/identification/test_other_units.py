@@ -85,6 +85,29 @@ def test_wrenches_in_another_unit_change_the_inertia_too() -> None:
     assert "as of all wrenches, or the body given, in other units, for so is the inertia" in told
 
 
+def test_torques_in_another_unit_are_named() -> None:
+    """The inertia was a thousand times too large, with nothing said."""
+    random = np.random.default_rng(3)
+    body = random_body(random)
+    flight = flown(body, random, torque=1.0)
+    for unit in (1.0, 1e-3):
+        channels = tuple(replace(each, held=each.held / unit) for each in flight.channels)
+        notes = "\n".join(identify(guess(body), [replace(flight, channels=channels)], ["inertia"]).notes)
+        assert ("times more than that given, as of torques in mN m; correct the units" in notes) is (unit != 1.0)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "told"),
+    [
+        (0.03, ""),
+        (0.015, "66.67 times less than that given, as of rates in degrees per second"),
+        (1e-6, "1e+06 times less than that given, as of torques in other units"),
+    ],
+)
+def test_an_inertia_far_off_is_doubted(ratio: float, told: str) -> None:
+    assert other_units.doubt_of_inertia(ratio) == told
+
+
 @pytest.mark.parametrize(
     ("fitted", "told"),
     [
