@@ -22,6 +22,7 @@ from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, 
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
+from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import Bag, read_bag
@@ -451,7 +452,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         if told := overlaps(each, zero):
             raise LogError(f"{path}: {each.topic}: {told}; cut it to before or after that, with convert --from or --to")
     notes = [note for note in track.notes if "inspected" not in note]
-    notes += [*losses(track), *remarks(track)]
+    notes += [*losses(track), *remarks(track), *_of_actuators(bag)]
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     notes += _jumps(track, {each.kind for each in streams}, zero)
@@ -473,6 +474,13 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         track.frames_to_choose,
     )
     return found if own else found.between_commands()
+
+
+def _of_actuators(bag: Bag) -> list[str]:
+    """Return a remark on commands to actuators, which no fit has."""
+    names = (name for name, topic in bag.topics.items() if topic.type_name == SCALAR and name.endswith("/command"))
+    told = ", ".join(sorted(names))
+    return [f"{told}: taken for commands to actuators, which a fit does not have"] if told else []
 
 
 def _jumps(track: Track, kinds: Set[str], zero: int) -> list[str]:

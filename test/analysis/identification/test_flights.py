@@ -45,6 +45,7 @@ from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import EXPLAINS, summarize
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse
 from rb_dynamics.run.state_change import StateChange
@@ -172,6 +173,17 @@ def test_what_would_be_taken_for_a_torque_is_refused(part: dict[str, object], ex
     made = flown(body, np.random.default_rng(3), seconds=1.0, spin=(0.3, 3.0, 0.5), gyro=1e-3)
     with pytest.raises(SceneError, match=expected):
         identify(replace(guess(body), **part), [made], ["inertia_ratios"])
+
+
+def test_commands_to_actuators_that_a_fit_does_not_have_are_named() -> None:
+    """A bag of a body with wheels was fitted without a word about their commands."""
+    bag = bag_of(spin(0.0))
+    bag.topics["/wheel/command"] = Topic("/wheel/command", SCALAR)
+    scene = guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
+    told = "/wheel/command: taken for commands to actuators, which a fit does not have"
+    assert told in flight_of(bag, scene).notes
+    bag.topics["/battery"] = bag.topics.pop("/wheel/command")
+    assert not any("actuators" in note for note in flight_of(bag, scene).notes)
 
 
 def test_commands_act_after_the_delay_of_their_channel() -> None:
