@@ -122,7 +122,8 @@ def test_what_is_damaged_within_is_left_out_and_named(tmp_path: Path) -> None:
     assert told["missing_ns"] == f"{begin_ns} {end_ns}"
     assert saved.state == told["reason"] == "cut off and damaged"
     times, _ = read_bag(tmp_path / "copy.mcap").poses("/pose")
-    assert not ((times >= begin_ns) & (times <= end_ns)).any()
+    # At either end a part of the messages of that time may be lost.
+    assert not ((times > begin_ns) & (times < end_ns)).any()
     assert times[0] < begin_ns < end_ns < times[-1]
 
 

@@ -463,7 +463,7 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path: Path, m
 
     def noted_fsync(descriptor: int) -> None:
         name = Path(os.readlink(f"/proc/self/fd/{descriptor}")).name
-        done.append(f"disk {re.sub('[.][0-9a-f]{8}[.]part', '.part', name)}")
+        done.append(f"disk {re.sub('[.][0-9a-f]+[.][0-9]+[.][0-9a-f]+[.]part', '.part', name)}")
         fsync(descriptor)
 
     def noted_replace(source: Path, target: Path) -> None:
