@@ -187,7 +187,7 @@ class RigidBodyNode(Node):
         group = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "~/step", self._on_step, callback_group=group)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.runner.start()
+        self.runner.open()
         for _, log in self._logs:
             # A log that cannot be opened at the start is an error; later, an error only stops the log.
             if log.error:
@@ -229,6 +229,8 @@ class RigidBodyNode(Node):
         At the end of the scene the logs are closed and the timer ends; before that, call `finish`.
         """
         runner = self.runner
+        _time_begins()
+        runner.start()
         period_ns = max(1, runner.simulation.next_output_ns() - runner.simulation.time_ns)
         # Ticks fall on the outputs, and at most _LONGEST_TICK_NS apart.
         period_ns //= -(-period_ns // _LONGEST_TICK_NS)
@@ -241,8 +243,6 @@ class RigidBodyNode(Node):
                 self.finish()
 
         timer = self.create_timer(period, tick, clock=RosClock(clock_type=ClockType.STEADY_TIME))
-        _time_begins()
-        runner.go()
 
     def _miss_logs(self) -> None:
         """Warn once of each log that was deleted while it is being written."""
@@ -658,7 +658,7 @@ def _end_sleeps_in_time() -> None:
 def _run(nodes: Sequence[RigidBodyNode], executor: SingleThreadedExecutor, stop: Sequence[int]) -> None:
     _time_begins()
     for node in nodes:
-        node.runner.go()
+        node.runner.start()
     next_spin = 0.0
     while not stop and (running := [node for node in nodes if not node.runner.done]):
         seconds = _seconds_until_due(running)

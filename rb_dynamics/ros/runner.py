@@ -67,7 +67,7 @@ class Runner:
     simulation: Simulation
 
     def __init__(self, scene: Scene, mode: Mode, pacer: Pacer | ClockFollower, health: Health, host: Host) -> None:
-        """Prepare; `start` begins the first run."""
+        """Prepare; `open` and `start` begin the first run."""
         self.pacer, self.health, self.lockstep = pacer, health, mode.lockstep
         self._mode, self._host = mode, host
         self._free_running = mode.real_time_factor == 0.0
@@ -81,14 +81,20 @@ class Runner:
         # What time waits for, and for how many seconds it has.
         self._wait, self._waited = "", 0
 
-    def start(self) -> None:
-        """Begin the first run.
+    def open(self) -> None:
+        """Prepare the first run and open its logs.
 
         Raises:
             RigidBodyError: the scene cannot be run.
         """
         self.simulation = Simulation(self._scene, self._host.sinks())
-        self._begin(0)
+        self._clear(0)
+        self.simulation.open()
+
+    def start(self) -> None:
+        """Begin the first run: time passes from here, after all preparation, and the initial state is stamped now."""
+        self.pacer.begin(0)
+        self.simulation.start()
 
     def quit(self) -> None:
         """End, at any point of the run."""
@@ -144,7 +150,7 @@ class Runner:
             self.health.told(told if self.lockstep else wait)
 
     def go(self) -> None:
-        """Pace from here: the time until now, a pause or preparation, passed without the body and is not a lag."""
+        """Pace from here: the time until now, a pause, passed without the body and is not a lag."""
         offset_ns = self.pacer.offset_ns
         self.pacer.restart(self.simulation.computed_ns)
         self._keep_to_stamps(offset_ns)
@@ -508,8 +514,8 @@ class Runner:
             self.health.taken_back(rejected.topic)
             self.health.warn(f"{rejected.topic}: rejected: {rejected.reason}")
 
-    def _begin(self, before_ns: int) -> None:
-        """Start the simulation, this many ns after the last reset."""
+    def _clear(self, before_ns: int) -> None:
+        """Forget the run before; the next begins this many ns after the last reset."""
         # Newest stamp of each channel that lockstep waits for (None before its first command), and the latest time at
         # which a command of each channel acts by its arrival: these keep their order.
         self._newest: dict[str, int | None] = {c.topic: None for c in self._scene.channels if not c.optional}
@@ -525,8 +531,6 @@ class Runner:
         self._before_ns = before_ns
         # Stamps that are simulation time count from the last reset: nothing to report.
         self._told_ns: int | None = before_ns
-        self.pacer.begin(before_ns)
-        self.simulation.start()
 
     def _restart(self, scene: Scene, before_ns: int, carry: bool, forget: bool = False) -> None:
         """End the run and begin another, this many ns after the last reset; on failure nothing has changed.
@@ -542,7 +546,9 @@ class Runner:
             self.health.clear()
             self.pacer.clear()
         self.simulation = simulation
-        self._begin(before_ns)
+        self._clear(before_ns)
+        self.pacer.begin(before_ns)
+        simulation.start()
         if not carry:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}

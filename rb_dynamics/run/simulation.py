@@ -149,7 +149,7 @@ class Simulation:
         """
         scene = instance(scene, Scene, "scene", "read one with read_scene(path)")
         self.scene = scene = with_true_text(scene) if sinks else scene
-        self._finished = False
+        self._opened = self._finished = False
         self.end_ns = scene.end_ns
         self._facts = facts or {}
         self._sinks = tuple(map(_sink, items(sinks, "sinks", "a sequence of sinks")))
@@ -397,20 +397,31 @@ class Simulation:
         """Whether the scene's duration is over."""
         return self.time_ns == self.end_ns
 
-    def start(self) -> None:
-        """Open the sinks and give them the initial state; if one cannot be opened, those opened before are closed.
+    def open(self) -> None:
+        """Open the sinks; if one cannot be opened, those opened before are closed.
 
         Raises:
             LogError: a log cannot be written.
         """
-        if self._sinks:
-            facts = {**run_metadata(self.scene, self.plan.name, self.plan.description), **self._facts}
-            run = RunInfo(self.scene, self.plan.name, facts, lambda: self.acceleration)
-            with contextlib.ExitStack() as opened:
-                for sink in self._sinks:
-                    sink.open(run)
-                    opened.callback(sink.close, {})
-                opened.pop_all()
+        self._opened = True
+        if not self._sinks:
+            return
+        facts = {**run_metadata(self.scene, self.plan.name, self.plan.description), **self._facts}
+        run = RunInfo(self.scene, self.plan.name, facts, lambda: self.acceleration)
+        with contextlib.ExitStack() as opened:
+            for sink in self._sinks:
+                sink.open(run)
+                opened.callback(sink.close, {})
+            opened.pop_all()
+
+    def start(self) -> None:
+        """Give the sinks the initial state, and open them before, unless `open` did.
+
+        Raises:
+            LogError: a log cannot be written.
+        """
+        if not self._opened:
+            self.open()
         self._outputs = 1
         if self._sinks:
             self.write(self.sample)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -42,7 +43,7 @@ class Memory:
     def take_commands(self) -> None: ...
 
 
-def runner(
+def opened(
     text: str = SCENE,
     mode: Mode | None = None,
     host: Host | None = None,
@@ -54,6 +55,12 @@ def runner(
     topics = [*(channel.topic for channel in scene.channels), *(each.topic for each in scene.actuators)]
     health = Health("/body", topics, lambda level, message: said.append(message))
     body = Runner(scene, mode or Mode(start_paused=True), pacer or Pacer(1.0), health, host or Memory())
+    body.open()
+    return body
+
+
+def runner(*arguments: Any, **more: Any) -> Runner:
+    body = opened(*arguments, **more)
     body.start()
     return body
 
@@ -490,6 +497,17 @@ def test_what_it_takes_to_get_ready_is_no_lag() -> None:
     body.go()
     assert body.pacer.due_ns(10**12) <= time.monotonic_ns() - before
     assert body.pacer.warning() == ""
+
+
+def test_the_initial_state_is_stamped_when_time_begins() -> None:
+    """It was stamped before all was ready: a gap of 0.1 s and more in a recording of the topics."""
+    host, now = Memory(), [10**18]
+    body = opened(mode=Mode(), host=host, pacer=Pacer(1.0, lambda: now[0]))
+    now[0] += 200_000_000
+    assert not host.runs[0].samples
+    body.start()
+    assert [sample.time_ns for sample in host.runs[0].samples] == [0]
+    assert body.stamped(0) == now[0]
 
 
 def test_stop_stands_at_time_0_until_told() -> None:
