@@ -73,6 +73,7 @@ class Runner:
         self._free_running = mode.real_time_factor == 0.0
         self._scene = scene
         self.paused, self.stopped, self._quitting = mode.start_paused, False, False
+        self._begun = False
         # Number of events that may have interrupted requested steps.
         self.interruptions = 0
         # Number of callers that wait for steps.
@@ -92,8 +93,18 @@ class Runner:
         self.simulation.open()
 
     def start(self) -> None:
-        """Begin the first run: time passes from here, after all preparation, and the initial state is stamped now."""
-        self.pacer.begin(0)
+        """Begin the first run: time passes from here, after all preparation, and the initial state is stamped now.
+
+        In an executor of the user, a reset or a new state may come before: then that run goes on.
+        """
+        if self._begun:
+            self.go()
+        else:
+            self._begin(0)
+
+    def _begin(self, before_ns: int) -> None:
+        self._begun = True
+        self.pacer.begin(before_ns)
         self.simulation.start()
 
     def quit(self) -> None:
@@ -284,6 +295,8 @@ class Runner:
 
     def catch_up(self) -> None:
         """Advance to now, so that a change from outside acts now and not at the last output."""
+        if not self._begun:
+            self.start()
         if self.paced:
             self.tick()
 
@@ -547,8 +560,7 @@ class Runner:
             self.pacer.clear()
         self.simulation = simulation
         self._clear(before_ns)
-        self.pacer.begin(before_ns)
-        simulation.start()
+        self._begin(before_ns)
         if not carry:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}

@@ -13,6 +13,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]
 from nav_msgs.msg import Odometry
 
 from rb_dynamics import MemorySink, Simulation, Wrench, parse_scene
+from rb_dynamics.body.state import State
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.ros.conversions import to_state
@@ -508,6 +509,18 @@ def test_the_initial_state_is_stamped_when_time_begins() -> None:
     body.start()
     assert [sample.time_ns for sample in host.runs[0].samples] == [0]
     assert body.stamped(0) == now[0]
+
+
+def test_a_run_that_a_reset_or_a_state_began_goes_on_when_time_begins() -> None:
+    """The initial state was written a second time, and the log did not replay."""
+    for first in (Runner.reset, lambda body: body.set_state(State(position_world=(5.0, 0.0, 0.0)))):
+        host = Memory()
+        body = opened(mode=Mode(), host=host)
+        first(body)
+        begun = [sample.time_ns for sample in host.runs[-1].samples]
+        assert begun[0] == 0
+        body.start()
+        assert [sample.time_ns for sample in host.runs[-1].samples] == begun
 
 
 def test_stop_stands_at_time_0_until_told() -> None:
