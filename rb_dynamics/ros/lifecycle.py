@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 
 import rclpy
+from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +31,20 @@ class LifecycleBody(LifecycleNode):
         """Begin unconfigured."""
         super().__init__("rigid_body_lifecycle")
         self._body: RigidBodyNode | None = None
+        # In rclpy a transition that the state does not have is an exception, without an answer, which ends the process.
+        service = next(each for each in self.services if each.srv_type is ChangeState)
+        change = service.callback
+
+        def refuse(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                return change(request, response)
+            except RuntimeError:
+                asked = request.transition.label or request.transition.id
+                self.get_logger().warning(f"found no transition {asked} from the present state; nothing changes")
+                response.success = False
+                return response
+
+        service.callback = refuse
 
     def on_configure(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Read the scene and open the logs; the node is there, and paused."""

@@ -52,7 +52,9 @@ def test_transitions_make_pause_and_end_the_node(scene: Path, peer: Peer, tmp_pa
             late.write_text(scene.read_text())
             odometry = peer.heard.setdefault("odom", [])
             peer.node.create_subscription(Odometry, "odom", odometry.append, 1000)
+            assert not change(Transition.TRANSITION_ACTIVATE)
             assert change(Transition.TRANSITION_CONFIGURE)
+            assert not change(Transition.TRANSITION_CONFIGURE)
             assert state() == State.PRIMARY_STATE_INACTIVE
             peer.until(lambda: bool(odometry) and there(), "the state at time 0")
             begun = stamp(odometry[-1])
