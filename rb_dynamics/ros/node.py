@@ -226,7 +226,7 @@ class RigidBodyNode(Node):
     def run_by_timer(self) -> None:
         """Let time run by a timer, in whatever single-threaded executor spins this node; see docs/ros.md for the cost.
 
-        At the end of the scene the logs are closed and the timer ends; before that, call `finish`.
+        At the end of the scene the logs are closed, and time stands until `~/reset`; before that, call `finish`.
         """
         runner = self.runner
         _time_begins()
@@ -236,13 +236,18 @@ class RigidBodyNode(Node):
         period_ns //= -(-period_ns // _LONGEST_TICK_NS)
         period = 1e-9 * max(_SHORTEST_TICK_NS, period_ns)
 
+        finished = False
+
         def tick() -> None:
+            nonlocal finished
+            if finished and runner.done:
+                return
             self.tick()
-            if runner.done:
-                timer.cancel()
+            finished = runner.done
+            if finished:
                 self.finish()
 
-        timer = self.create_timer(period, tick, clock=RosClock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(period, tick, clock=RosClock(clock_type=ClockType.STEADY_TIME))
 
     def _miss_logs(self) -> None:
         """Warn once of each log that was deleted while it is being written."""

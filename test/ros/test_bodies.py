@@ -72,7 +72,10 @@ def test_a_node_runs_beside_others_in_an_executor_of_ones_own(scene: Path, peer:
     peer.executor.add_node(body)
     body.run_by_timer()
     peer.until(lambda: body.runner.done, "the end of the scene")
+    assert not body.runner.reset()
+    peer.until(lambda: body.runner.done, "the end after a reset")
     body.destroy_node()
+    assert read_bag(log.with_name("run.1.mcap")).complete
     assert heard[-1].twist.twist.linear.x > 0.0
     bag = read_bag(log)
     assert bag.complete
