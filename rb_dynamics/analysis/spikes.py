@@ -102,7 +102,8 @@ def _that_come_back(series: TimeSeries, speeds: TimeSeries | None, unit: str) ->
     seconds = (time_ns - time_ns[0]) * 1e-9
     rates = _usual_rates(seconds, rows)
     steps = rates * np.diff(seconds)[:, None]
-    odd = _all_far(rows - np.vstack([np.zeros((1, rows.shape[1])), np.cumsum(steps, axis=0)]))
+    beside = rows - np.vstack([np.zeros((1, rows.shape[1])), np.cumsum(steps, axis=0)])
+    odd = _all_far(beside)
     # At the ends, the usual rate is that of a time farther inside.
     for end in (slice(None, _STEPS + _AROUND), slice(-_STEPS - _AROUND, None)):
         odd[end] &= _all_far(rows)[end]
@@ -119,6 +120,9 @@ def _that_come_back(series: TimeSeries, speeds: TimeSeries | None, unit: str) ->
     turned = np.linalg.norm(rates[(at + _STEPS).clip(max=last)] - rates[(at - 1 - _STEPS).clip(0, last)], axis=1)
     alone = size > np.maximum(max(_FAR * noise, _ROUNDING * float(np.abs(rows).max())), _TURNED * turned * usual)
     alone &= _near_others(time_ns, odd)
+    # A jump does not come back.
+    before, after = (beside[each.clip(0, len(rows) - 1)] for each in _others(odd))
+    alone &= np.linalg.norm(after - before, axis=1) <= size
     if speeds is not None:
         speed = np.linalg.norm(rates, axis=1)[at.clip(max=last)]
         # As many samples as may be a spike, and one on either side.
@@ -178,9 +182,14 @@ def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
 
 def _near_others(times: Times, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return beside which of the odd samples, and between it and the next others on either side, none is missing."""
+    return _all_there(times, *_others(odd))
+
+
+def _others(odd: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the places of the next others before and after each of the odd samples; beyond an end -1 or the length."""
     others = np.concatenate([[-1], np.flatnonzero(~odd), [len(odd)]])
     after = np.searchsorted(others, np.flatnonzero(odd))
-    return _all_there(times, others[after - 1], others[after])
+    return others[after - 1], others[after]
 
 
 def _all_there(times: Times, first: NDArray[np.intp], last: NDArray[np.intp]) -> NDArray[np.bool_]:

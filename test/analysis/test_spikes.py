@@ -163,6 +163,21 @@ def test_attitudes_that_come_back_are_spikes_unless_a_gyro_shows_them(noise: flo
         assert spikes_of_attitude(series, gyro) is None
 
 
+def test_a_jump_of_the_attitude_is_no_spike() -> None:
+    """It does not come back: the attitudes beside it are as good as the others."""
+    seconds = np.arange(200)[:, None] * 0.02
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        rate, other = random.uniform(0.05, 5.0, (2, 1)) * random.standard_normal((2, 3))
+        jump = exponentials(random.standard_normal((1, 3)))
+        after = product(jump, exponentials(seconds[:100] * other))
+        attitudes = np.vstack(
+            [exponentials(seconds[:100] * rate), product(exponentials(seconds[99:100] * rate), after)]
+        )
+        series = TimeSeries("/q", np.arange(200) * 20_000_000, attitudes)
+        assert spikes_of_attitude(series, None) is None
+
+
 def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:
     """Five wild samples of a gyro in 4000 left nothing known, and a verdict in which they counted as motion."""
     random, time_ns = np.random.default_rng(1), np.arange(4000) * 10_000_000
