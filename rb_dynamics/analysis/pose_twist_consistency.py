@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.noise import noise_of_path
+from rb_dynamics.analysis.noise import noise_of_path, typical
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
 from rb_dynamics.numerics.growing_array import give_back, stored
@@ -47,7 +47,9 @@ _OFTEN, _TIMES = 0.1, 3.0
 # What interpolation may explain of a difference, of its change with every second sample left out: a third to leading
 # order, and more for large rotations between samples.
 _OF_HALVED = 0.5
-RARE = "as interpolation between samples as rare as these may"
+# So many times its own noise, the integral of the twist may be off.
+_NOISES = 3.0
+RARE = "as interpolation between samples as rare or as noisy as these may"
 
 
 _AS_IS = (1, 2, 3)
@@ -548,7 +550,7 @@ def _remedy(
 
 
 def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor: float, known: bool) -> _Found | None:
-    """Return how they differ, with what interpolation explains of it if it is to be `known`; None for too few windows.
+    """Return how they differ, and what interpolation and noise leave if it is `known`; None for too few windows.
 
     The shortest of 1 s, 10 s, ... in which the body moves far enough; from 0.1 s on of a short recording.
     """
@@ -564,7 +566,8 @@ def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor:
             ratio, sure = error[kept] / size[kept], error[kept]
             if known and ratio.max() > _PART:
                 changed = _halving(both, of, columns, reading, length, window, did - told)
-                sure = np.maximum(sure - _OF_HALVED * changed[kept], 0.0)
+                sure = sure - _OF_HALVED * changed[kept] - _NOISES * _noise(both, columns) * np.sqrt(seconds[kept])
+                sure = np.maximum(sure, 0.0)
             speed, rest = sure / seconds[kept], sure / size[kept]
             beyond = (rest > max(_PART, _ABOVE_USUAL * float(np.quantile(ratio, 0.25)))) & (speed > _SENSORS)
             begins = np.sort(both.time_ns[0] + window[kept][beyond] * length)
@@ -574,6 +577,13 @@ def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor:
             return _Found(*middle, int(kept.sum()), length * 1e-9, share, bool(odd.any()), when)
         length *= 10
     return None
+
+
+def _noise(both: _Both, columns: slice) -> float:
+    """Return the noise of the integral of the twist over a second; it grows with the root of the time."""
+    twist = both.series[1]
+    level = typical(twist.values[:, columns], np.zeros(len(twist.time_ns), np.int_))
+    return level * float(np.sqrt(np.median(np.diff(twist.time_ns)) * 1e-9))
 
 
 def _halving(

@@ -275,6 +275,20 @@ def rolling(every_ns: int, count: int, spin_up: float, rate: float = 0.0, thrust
     )
 
 
+@pytest.mark.parametrize("noise", [0.2, 0.4])
+def test_a_gyro_whose_noise_is_larger_than_the_rate_contradicts_nothing(noise: float) -> None:
+    motion = rolling(100_000_000, 200, 0.0, 0.05)
+    rows = np.hstack([rotate_all_inverse(motion.orientation_xyzw, motion.velocity), motion.rate])
+    rows[:, 3:] += noise * np.random.default_rng(1).standard_normal((200, 3))
+    of_attitude = agreements(read_track(bag_of(motion, twist_rows=rows)))[0]
+    assert not of_attitude.contradicts
+    assert not of_attitude.partly
+    assert "as noisy as these" in of_attitude.reason
+    # Another handedness is still found beneath less of it.
+    rows[:, 3:] = noise / 40.0 * np.random.default_rng(1).standard_normal((200, 3)) - motion.rate
+    assert agreements(read_track(bag_of(motion, twist_rows=rows)))[0].contradicts
+
+
 def test_interpolation_between_rare_samples_is_no_contradiction_and_hides_no_torque() -> None:
     """At 0.75 rad from sample to sample it explains 14 % of a window, which was called a contradiction."""
     summary = summarize(read_track(bag_of(rolling(50_000_000, 300, 1.0), wrench=True), BALL))
