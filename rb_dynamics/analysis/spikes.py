@@ -182,7 +182,10 @@ def _between_neighbours(times: Times, at: Times) -> NDArray[np.bool_]:
 
 def _near_others(times: Times, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return beside which of the odd samples, and between it and the next others on either side, none is missing."""
-    return _all_there(times, *_others(odd))
+    before, after = _others(odd)
+    # At an end, only others farther inside show where it would be.
+    first, last = np.where(after < len(odd), before, before - _AROUND), np.where(before < 0, after + _AROUND, after)
+    return _all_there(times, first, last)
 
 
 def _others(odd: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

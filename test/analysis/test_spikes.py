@@ -178,6 +178,19 @@ def test_a_jump_of_the_attitude_is_no_spike() -> None:
         assert spikes_of_attitude(series, None) is None
 
 
+@pytest.mark.parametrize("second", [1, 91])
+def test_a_sample_at_an_end_beside_missing_ones_is_no_spike(second: int) -> None:
+    """The other samples are far from it, as from the one beside it."""
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        number = np.arange(94) + 4 * (np.arange(94) > second)
+        velocity = random.standard_normal(3)
+        rows = number[:, None] * velocity + 1e-3 * random.standard_normal((94, 3))
+        assert spikes_of_position(TimeSeries("/p", (number * 1e7).astype(np.int64), rows), None) is None
+        attitudes = exponentials(0.05 * rows)
+        assert spikes_of_attitude(TimeSeries("/q", (number * 1e7).astype(np.int64), attitudes), None) is None
+
+
 def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:
     """Five wild samples of a gyro in 4000 left nothing known, and a verdict in which they counted as motion."""
     random, time_ns = np.random.default_rng(1), np.arange(4000) * 10_000_000
