@@ -74,27 +74,35 @@ def without_spikes(
     return replace(twist, values=values, spikes=tuple(told)) if told else twist
 
 
-def spikes_of_position(series: TimeSeries, speeds: TimeSeries | None) -> Spikes | None:
+def spikes_of_position(
+    series: TimeSeries, speeds: TimeSeries | None, wrenches: Iterable[tuple[Times, Array]] = ()
+) -> Spikes | None:
     """Return the spikes of positions (n, 3) at different times; None without any.
 
-    It is motion if the `speeds` (n,), m/s, are by then other than those to which the positions about it lead.
+    It is motion if the `speeds` (n,), m/s, are by then other than those to which the positions about it lead; without
+    any, what comes where `wrenches` (times and rows of each) change to and fro may be.
     """
-    return _that_come_back(series, speeds, "m")
+    return _that_come_back(series, speeds, wrenches, "m")
 
 
-def spikes_of_attitude(series: TimeSeries, rates: TimeSeries | None) -> Spikes | None:
+def spikes_of_attitude(
+    series: TimeSeries, rates: TimeSeries | None, wrenches: Iterable[tuple[Times, Array]] = ()
+) -> Spikes | None:
     """Return the spikes of attitudes, unit quaternions xyzw (n, 4), at different times; None without any.
 
-    It is motion if the magnitudes of the `rates` (n,), rad/s, are by then other than the attitudes about it lead to.
+    It is motion if the magnitudes of the `rates` (n,), rad/s, are by then other than the attitudes about it lead to;
+    without any, what comes where `wrenches` change to and fro may be.
     """
     # The ends of the three axes are at one place in R^9, which moves at sqrt(2) |w| and knows no sign of quaternions.
     axes = np.hstack([rotate_all(series.values, np.tile(axis, (len(series.values), 1))) for axis in np.eye(3)])
     speeds = None if rates is None else replace(rates, values=np.sqrt(2.0) * rates.values)
-    found = _that_come_back(replace(series, values=axes), speeds, "rad")
+    found = _that_come_back(replace(series, values=axes), speeds, wrenches, "rad")
     return found and replace(found, size=2.0 * np.arcsin((found.size / np.sqrt(8.0)).clip(max=1.0)))
 
 
-def _that_come_back(series: TimeSeries, speeds: TimeSeries | None, unit: str) -> Spikes | None:
+def _that_come_back(
+    series: TimeSeries, speeds: TimeSeries | None, wrenches: Iterable[tuple[Times, Array]], unit: str
+) -> Spikes | None:
     """Return the spikes of places (n, k) as `spikes_of_position`, in `unit`."""
     time_ns, rows = series.time_ns, series.values
     if len(time_ns) <= _STEPS:
@@ -123,7 +131,9 @@ def _that_come_back(series: TimeSeries, speeds: TimeSeries | None, unit: str) ->
     # A jump does not come back.
     before, after = (beside[each.clip(0, len(rows) - 1)] for each in _others(odd))
     alone &= np.linalg.norm(after - before, axis=1) <= size
-    if speeds is not None:
+    if speeds is None:
+        alone &= ~_pushed(time_ns, wrenches)[at]
+    else:
         speed = np.linalg.norm(rates, axis=1)[at.clip(max=last)]
         # As many samples as may be a spike, and one on either side.
         ends = (time_ns[(at + by).clip(0, len(rows) - 1)] for by in (-_AROUND, _AROUND))

@@ -191,6 +191,17 @@ def test_a_sample_at_an_end_beside_missing_ones_is_no_spike(second: int) -> None
         assert spikes_of_attitude(TimeSeries("/q", (number * 1e7).astype(np.int64), attitudes), None) is None
 
 
+def test_a_pose_comes_back_where_wrenches_push_it_to_and_fro() -> None:
+    number = np.arange(200)
+    moved = 0.01 * number + np.select([number == 101, number == 102], [0.5, 0.5])
+    rows = moved[:, None] * [1.0, 0.5, 0.2]
+    pushes = [(np.array([100, 101, 102, 103]) * 10_000_000, np.array([[1.0], [-1.0], [-1.0], [0.0]]) * [2.0, 1.0, 0.4])]
+    for found, values in ((spikes_of_position, rows), (spikes_of_attitude, exponentials(rows))):
+        series = TimeSeries("/p", number * 10_000_000, values)
+        assert found(series, None) is not None
+        assert found(series, None, pushes) is None
+
+
 def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:
     """Five wild samples of a gyro in 4000 left nothing known, and a verdict in which they counted as motion."""
     random, time_ns = np.random.default_rng(1), np.arange(4000) * 10_000_000

@@ -259,10 +259,11 @@ class Flight:
     def _spikes(self, stream: Stream) -> Spikes | None:
         """Return the spikes of a stream that nothing else follows; None of one without."""
         by_kind = {kind: [each for each in self.streams if each.kind == kind] for kind in UNITS}
+        pushes = ((channel.time_ns, channel.held) for channel in self.channels)
         if stream.kind in (POSITION, ATTITUDE):
             of, derivative = (spikes_of_position, VELOCITY) if stream.kind == POSITION else (spikes_of_attitude, RATES)
             quick = [TimeSeries(s.topic, s.time_ns, np.linalg.norm(s.values, axis=1)) for s in by_kind[derivative]]
-            return of(TimeSeries(stream.topic, stream.time_ns, stream.values), next(iter(quick), None))
+            return of(TimeSeries(stream.topic, stream.time_ns, stream.values), next(iter(quick), None), pushes)
         if stream.kind not in (VELOCITY, RATES):
             return None
         pose, turned = None, next(iter(by_kind[ATTITUDE]), None)
@@ -272,7 +273,6 @@ class Flight:
             return None
         parts = [stream.values if stream.kind == kind else _blank(stream) for kind in (VELOCITY, RATES)]
         twist = TimeSeries(stream.topic, stream.time_ns, np.hstack(parts))
-        pushes = ((channel.time_ns, channel.held) for channel in self.channels)
         return next(iter(without_spikes(twist, pose, stream.world, pushes).spikes), None)
 
     def _without_samples(self, marked: Sequence[NDArray[np.bool_]], why: str) -> Flight:
