@@ -119,8 +119,10 @@ def odometry_of(log: Path, bag: Path, factor: float = 1.0) -> Path:
 def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The numbers of a sample, some 200 bytes, stand in files, from the first full block on."""
     small_blocks(monkeypatch, 1000)
-    # The first one also fills what stays for the next: modules, tables. A peak was once 0.75 MB higher than another.
-    peaks = [peak_of_inspect(spun(tmp_path / "run.mcap", samples)) for samples in (1000, 6000, 16000)]
+    # The first one also fills what stays for the next: modules, tables. One peak may be 0.75 MB higher than another, as
+    # a busy machine reads ahead at other times.
+    logs = [spun(tmp_path / f"{samples}.mcap", samples) for samples in (1000, 6000, 16000)]
+    peaks = [min(peak_of_inspect(log) for _ in range(2)) for log in logs]
     assert (peaks[2] - peaks[1]) / 10000 < 50
 
 
