@@ -65,6 +65,10 @@ _SHARE = 0.2
 # results of a pair are rounded alike.
 _NOISE = 9.0
 
+# Results for position and velocity may differ by this many roundings of what the stride adds to them: those of a pair
+# with twelve stages differ by up to 5.
+_ROUNDINGS = 16.0
+
 # Forces cancel if less than this share remains of them: their rounding errors may then look like an error of the step.
 _CANCELLED = 1e-3
 
@@ -458,9 +462,8 @@ def taught(goal: Goal, learnt: Learnt, phase: PhaseState, trials: Any, h: float,
     power, now = goal.order + 1.0, elapsed(phase)
     resolved_stride, resolved_error, trial = h, noise, 2.0 * h
     if learnt.resolved_stride > 0.0:
-        trial = max(
-            trial, learnt.resolved_stride * min(2.0, max(0.5, (4.0 * noise / learnt.resolved_error) ** (1.0 / power)))
-        )
+        guess = learnt.resolved_stride * min(2.0, max(0.5, (4.0 * noise / learnt.resolved_error) ** (1.0 / power)))
+        trial = max(trial, min(guess, goal.horizon))
     found = False
     while trial <= goal.horizon:
         kept, other = _attempt(trials, phase, trial)
@@ -592,9 +595,10 @@ def discrepancy(
     at_work = strength * per_mass * h
     if gained < _CANCELLED * at_work:
         gained = at_work
-    drift -= 4.0 * _EPSILON * (moved + gained * grows)
-    farthest = max(farthest, norm(_away(goal, phase)), norm(_away(goal, kept)))
-    travelled = max(moved * goal.horizon / h, farthest)
+    drift -= _ROUNDINGS * _EPSILON * (moved + gained * grows)
+    # Only where strides begin: what lies beyond the end may be cut off by a command, or only be tried.
+    farthest = max(farthest, norm(_away(goal, phase)))
+    travelled = max(moved * goal.horizon / h, farthest, norm(_away(goal, kept)))
     position = drift / travelled if travelled > 0.0 else 0.0
     return Discrepancy(norm((x, y, z)), abs(w), rate_error * rest, rounded, position, farthest)
 

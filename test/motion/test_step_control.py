@@ -509,6 +509,25 @@ class TestWhereRoundingHidesTheError:
 
         assert np.abs(np.subtract(end.orientation_xyzw, nearly.orientation_xyzw)).max() < 1e-8
 
+    @pytest.mark.parametrize("method", ["auto", "dop853", "rk4", "radau"])
+    @pytest.mark.parametrize("apart", [1, 3])
+    def test_commands_nanoseconds_apart_leave_a_step(self, method: str, apart: int) -> None:
+        """What was learnt from a stride as long as the run was tried with one twice as long, and so not at all."""
+        count = 60
+        scene = parse_scene(
+            "body: {mass: 2, inertia: {diagonal: [1, 1.2, 1.5]}}\nduration: 1\n"
+            "wrenches: [{topic: held}, {topic: lagged, lag: 1e-4}]\n"
+            f"solver: {{method: {method}, accuracy: 1e-10}}\n"
+        )
+        commands = [
+            ("lagged" if k % 2 else "held", Wrench((1.0 + 0.1 * k, 0.0, 0.0), stamp_ns=apart * k)) for k in range(count)
+        ]
+        sample = simulate(scene, commands).sample
+
+        # As if the last two had come at the start.
+        reached = 6.8 / 2.0 * 0.5 + 6.9 / 2.0 * (0.5 - 1e-4 + 1e-8)
+        assert sample.position_world[0] == pytest.approx(reached, rel=1e-9 * apart * count)
+
     def small_torque(self, method: str, accuracy: float) -> Arc:
         body = RigidBody.from_diagonal(2.0, (1.0, 1.5, 2.0))
         start, held = State(angular_velocity_body=(1.0, 0.3, 2.0)), HeldWrench(torque_body=(0.0, 1e-5, 2e-5))
@@ -553,6 +572,32 @@ def braked_near_a_centre() -> list[float]:
 
 class TestDistanceTravelled:
     """The position error is relative to the path travelled, not to the initial speed times the duration."""
+
+    @pytest.mark.parametrize("accuracy", [1e-6, 1e-9])
+    @pytest.mark.parametrize("method", ["auto", "rk4", "dop853", "dverk"])
+    def test_the_end_of_a_stride_that_a_command_cuts_short_is_not_on_it(self, method: str, accuracy: float) -> None:
+        """Strong forces to and fro for microseconds, tried for milliseconds, and later a weak one, which lags."""
+        mass, lag, end = 2.0, 1e-4, 1.0
+        scene = parse_scene(
+            f"body: {{mass: {mass}, inertia: {{diagonal: [1, 1.2, 1.5]}}}}\nduration: {end}\n"
+            f"wrenches: [{{topic: held}}, {{topic: lagged, lag: {lag}}}]\n"
+            f"solver: {{method: {method}, accuracy: {accuracy!r}}}\n"
+        )
+        strong = [(7_000 * k, 100.0 * (-1.0) ** k) for k in range(12)] + [(84_000, 0.0)]
+        weak = [(650_000_000, 0.01), (650_400_000, 0.0)]
+        commands = [
+            (topic, Wrench((force, 0.0, 0.0), stamp_ns=ns))
+            for topic, forces in (("held", strong), ("lagged", weak))
+            for ns, force in forces
+        ]
+        path = 0.0
+        for (ns, force), (_, before) in zip(strong, [(0, 0.0), *strong], strict=False):
+            path += (force - before) / mass * 0.5 * (end - 1e-9 * ns) ** 2
+        for sign, (ns, _) in zip((1.0, -1.0), weak, strict=True):
+            late = end - 1e-9 * ns
+            path += sign * 0.01 / mass * (0.5 * late**2 - lag * late + lag**2 * -math.expm1(-late / lag))
+
+        assert simulate(scene, commands).sample.position_world[0] == pytest.approx(path, rel=accuracy)
 
     @pytest.mark.parametrize(("method", "accuracy"), CONTROLLED)
     def test_after_a_fast_beginning(self, method: str, accuracy: float) -> None:
