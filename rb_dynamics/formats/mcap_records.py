@@ -566,6 +566,8 @@ class McapFile:
     def _by_name(self, file: BinaryIO) -> str:
         if os.fstat(file.fileno()).st_size == 0:
             return "it is empty, so nothing was written to it: record it again"
+        if self.path.suffix == ".zstd":
+            return f"unpack it first with zstd -d {self.path}"
         if self.path.suffix in (".yaml", ".yml"):
             return f"a scene is run, and its log written, with rb-dynamics simulate {self.path} --mcap run.mcap"
         if self.path.suffix == ".csv":

@@ -70,8 +70,11 @@ def recover(source: Path, target: Path) -> list[Recovered]:
         return [_recover_file(McapFile(source, salvage=True), target)]
     files = in_order(source)
     if not files:
-        files = sorted(source.glob("*.db3"))
-        why = instead_of_recover(files[0]) if files else "; give a log, or a folder of them"
+        why = "; give a log, or a folder of them"
+        if packed := sorted(source.glob("*.mcap.zstd")):
+            why = f"; unpack its files first with zstd -d {packed[0].parent}/*.mcap.zstd"
+        if tables := sorted(source.glob("*.db3")):
+            why = instead_of_recover(tables[0])
         raise LogError(f"{source} has no .mcap files in it{why}")
     if not any(map(_says_something, files)):
         raise _nothing(source)

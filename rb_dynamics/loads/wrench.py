@@ -73,14 +73,15 @@ def frame_name(frame_id: str) -> str:
 
 
 def _within_doubles(component: Any) -> Any:
-    """Return a component; infinity for a whole number beyond the range of double precision."""
+    """Return a component, as a float if it is one or a whole number, infinite beyond the range of double precision."""
     try:
-        float(component)
+        number = float(component)
     except OverflowError:
         return -math.inf if component < 0 else math.inf
     except (TypeError, ValueError):
-        pass
-    return component
+        return component
+    # Anything else is judged when the command would take effect.
+    return number if isinstance(component, (float, int)) and not isinstance(component, bool) else component
 
 
 @dataclass(frozen=True, slots=True)

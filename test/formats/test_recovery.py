@@ -195,6 +195,14 @@ def test_bags_of_another_kind_are_named_with_the_command_that_helps(
         assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("folder", [False, True])
+def test_packed_files_are_to_be_unpacked_first(tmp_path: Path, folder: bool) -> None:
+    packed = tmp_path / "run_0.mcap.zstd"
+    packed.write_bytes(b"\x28\xb5\x2f\xfd\x04\x00")
+    with pytest.raises(LogError, match=rf"unpack .* first with zstd -d {tmp_path}/.*\.mcap\.zstd"):
+        recover(tmp_path if folder else packed, tmp_path / "saved")
+
+
 @pytest.mark.parametrize("how", ["gone", "twice"])
 @pytest.mark.parametrize(("opcode", "kind"), [(6, "messages"), (9, "attachments"), (12, "metadata records")])
 def test_a_piece_that_is_gone_or_there_twice_shows_in_the_statistics(
