@@ -163,6 +163,14 @@ class TestLeverArm:
         assert math.dist(held.torque_body, moment) <= 1e-11
 
 
+def test_a_wrench_has_its_numbers_as_floats_from_the_start() -> None:
+    """A run with many commands then takes them as they are; what may be no number is judged later."""
+    wrench = Wrench((1, np.float64(2.0), 10**400), (-(10**400), True, "3"))  # type: ignore[arg-type]
+
+    assert [*map(type, wrench.force + wrench.torque)] == [float, float, float, float, bool, str]
+    assert wrench.force + wrench.torque == (1.0, 2.0, math.inf, -math.inf, True, "3")
+
+
 def test_wrenches_become_floats_together_as_each_alone() -> None:
     odd = [Wrench((1, 2, 3)), Wrench((np.float32(0.25), 0.5, 3)), Wrench(torque=(0.0, math.inf, 0.0))]
     plain = [Wrench((1.0, 2.0, 3.0)), Wrench(torque=(0.0, math.nan, 0.0))]
