@@ -223,14 +223,14 @@ class SplitBag:
                 absent = absent or absent_between(before.path, file.path, next_file(before.metadata), self.files)
                 lost = _between(before, file, lost, absent)
                 self.boundaries += [] if absent else _boundary(before, file)
-            lost = _joined(lost, file.metadata.get(INTERRUPTED, {}))
+            lost = joined_losses(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
             self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
             before = file
         if (absent := self.absent.get(None, [])) and not next_file(self.metadata):
-            lost = _joined(self.metadata.get(INTERRUPTED, {}), {MISSING_FILES: ", ".join(absent)})
+            lost = joined_losses(self.metadata.get(INTERRUPTED, {}), {MISSING_FILES: ", ".join(absent)})
             self.metadata[INTERRUPTED] = {**lost, "reason": CUT_OFF}
         self.complete = complete
 
@@ -302,13 +302,16 @@ def _between(before: _File, after: _File, lost: dict[str, str], files: list[str]
         return lost
     hole = {"missing_ns": f"{before.span_ns[1]} {after.span_ns[0]}"} if before.span_ns and after.span_ns else {}
     # For the whole bag this was not the end: later messages are there.
-    return {**_joined(lost, {**hole, **absent}), "reason": DAMAGED}
+    return {**joined_losses(lost, {**hole, **absent}), "reason": DAMAGED}
 
 
-def _joined(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
-    """Return what was lost in two files of a bag; of facts about the same thing the later."""
+def joined_losses(one: Mapping[str, str], other: Mapping[str, str]) -> dict[str, str]:
+    """Return what was lost in two files of a bag, or twice in one; of facts about the same thing the later."""
     lists = {"reason": " and ", "missing_ns": ", ", MISSING_FILES: ", "}
-    texts = {key: [each[key] for each in (one, other) if each.get(key)] for key in lists}
+    texts = {
+        key: [part for each in (one, other) for part in each.get(key, "").split(by) if part]
+        for key, by in lists.items()
+    }
     return {**one, **other, **{key: lists[key].join(dict.fromkeys(found)) for key, found in texts.items() if found}}
 
 

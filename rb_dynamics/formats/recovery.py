@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order
+from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order, joined_losses
 from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, UNPLACED, next_file, version
 from rb_dynamics.formats.mcap_records import END_OF_TIME, McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
@@ -134,7 +134,8 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
                 "last_message_ns": str(facts.end_ns),
                 "missing_ns": ", ".join(missing),
             }
-            old.metadata.setdefault(INTERRUPTED, told)
+            # A copy that is damaged in its turn lacks what the first file lacked, too.
+            old.metadata[INTERRUPTED] = joined_losses(old.metadata.get(INTERRUPTED, {}), told)
         # What a damaged summary alone says of channels is copied only where it gives messages their topic.
         declared = old.channels.items()
         channels = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]

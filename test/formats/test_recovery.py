@@ -453,6 +453,22 @@ def test_zeros_in_place_of_the_head_of_a_chunk_are_no_empty_chunk(tmp_path: Path
     assert saved.missing == [(begin, end) if index == IndexType.ALL else (begin - 1, end + 1)]
 
 
+def test_a_copy_that_is_damaged_in_its_turn_lacks_both_pieces(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1 / (i + 1))) for i in range(10_000)]
+    file = write_rows(tmp_path / "a.mcap", rows, chunk_size=100_000)
+    lost: list[tuple[int, int]] = []
+    for number in (3, 1):
+        data = bytearray(file.read_bytes())
+        data[_places(data, Opcode.CHUNK)[number] + 1000] ^= 1
+        file = tmp_path / f"saved{number}.mcap"
+        (tmp_path / "damaged.mcap").write_bytes(data)
+        (saved,) = recover(tmp_path / "damaged.mcap", file)
+        assert saved.state == "damaged"
+        lost += saved.missing
+    assert len(lost) == 2
+    assert read_bag(file).missing == sorted(lost)
+
+
 def _damaged(data: bytes, chance: random.Random) -> bytes:
     """Return a file of which bytes are gone, zero, others, swapped, or there twice."""
     for _ in range(chance.choice([1, 1, 2, 3])):
