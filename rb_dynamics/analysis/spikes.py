@@ -146,14 +146,18 @@ def _that_come_back(
 def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[np.bool_]:
     """Return near which samples wrenches change to and fro, by more than is usual in parts of their largest."""
     reach = (_AROUND + 1) * int(np.median(np.diff(time_ns)))
-    changed, changes = np.zeros(len(time_ns)), np.zeros(len(time_ns), dtype=np.int64)
+    changed, at = np.zeros(len(time_ns)), [np.zeros(0, dtype=np.int64)]
     for times, rows in wrenches:
         largest = np.abs(rows).max(axis=0, initial=0.0)
         steps = (np.abs(np.diff(rows, axis=0, prepend=0.0)) / np.where(largest > 0.0, largest, 1.0)).sum(axis=1)
-        until, count = (np.append(0, np.cumsum(each)) for each in (steps, steps > 0.0))
+        until = np.append(0, np.cumsum(steps))
         first, last = np.searchsorted(times, time_ns - reach), np.searchsorted(times, time_ns + reach, side="right")
         changed += until[last] - until[first]
-        changes += count[last] - count[first]
+        at.append(times[steps > 0.0])
+    # Changes between two samples, as of channels that are commanded together, are one, and not to and fro.
+    every = np.sort(np.concatenate(at))
+    apart = every[np.unique(np.searchsorted(time_ns, every, side="right"), return_index=True)[1]]
+    changes = np.searchsorted(apart, time_ns + reach, side="right") - np.searchsorted(apart, time_ns - reach)
     pushed: NDArray[np.bool_] = (changes > 1) & (changed > _PUSHES * np.median(changed))
     return pushed
 

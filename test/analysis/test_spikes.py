@@ -202,6 +202,18 @@ def test_a_pose_comes_back_where_wrenches_push_it_to_and_fro() -> None:
         assert found(series, None, pushes) is None
 
 
+@pytest.mark.parametrize("apart_ns", [0, 3_000_000])
+def test_two_channels_that_are_commanded_together_push_nothing_to_and_fro(apart_ns: int) -> None:
+    """Of four spikes of a flight with force and torque commands, one or two were left in beside these."""
+    time_ns, positions = np.arange(1000) * 10_000_000, 1e-4 * np.random.default_rng(1).standard_normal((1000, 3))
+    positions[500:502, 0] += 0.5
+    commands = np.arange(5) * 2_500_000_000
+    wrenches = [(commands + each, np.random.default_rng(each).standard_normal((5, 6))) for each in (1, apart_ns + 2)]
+    found = spikes_of_position(TimeSeries("/p", time_ns, positions), None, wrenches)
+    assert found is not None
+    assert (found.time_ns // 10_000_000).tolist() == [500, 501]
+
+
 def test_without_a_pose_spikes_stand_out_unless_wrenches_could_make_them() -> None:
     """Five wild samples of a gyro in 4000 left nothing known, and a verdict in which they counted as motion."""
     random, time_ns = np.random.default_rng(1), np.arange(4000) * 10_000_000
