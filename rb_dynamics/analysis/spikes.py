@@ -64,7 +64,10 @@ def without_spikes(
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
         alone &= _near_others(twist.time_ns, odd) & ~_goes_on(rows, odd)[at]
-        alone &= ~pushed[at] if pose is None else _between_neighbours(pose.time_ns, twist.time_ns[at])
+        # At an end, differences of the pose show half of what began just before.
+        before, after = _others(odd)
+        alone &= ~pushed[at] | ((pose is not None) & (before >= 0) & (after < len(odd)))
+        alone &= pose is None or _between_neighbours(pose.time_ns, twist.time_ns[at])
         weight = float(np.sum(size[alone] ** 2))
         hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
         if alone.any() and float(np.sum((followed * size)[alone])) + hidden <= _FOLLOWS * weight:
@@ -144,7 +147,10 @@ def _that_come_back(
 
 
 def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[np.bool_]:
-    """Return near which samples wrenches change to and fro, by more than is usual in parts of their largest."""
+    """Return near which samples wrenches change to and fro, or at an end change, by more than is usual.
+
+    Usual is in parts of their largest.
+    """
     reach = (_AROUND + 1) * int(np.median(np.diff(time_ns)))
     changed, at = np.zeros(len(time_ns)), [np.zeros(0, dtype=np.int64)]
     for times, rows in wrenches:
@@ -158,7 +164,9 @@ def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[
     every = np.sort(np.concatenate(at))
     apart = every[np.unique(np.searchsorted(time_ns, every, side="right"), return_index=True)[1]]
     changes = np.searchsorted(apart, time_ns + reach, side="right") - np.searchsorted(apart, time_ns - reach)
-    pushed: NDArray[np.bool_] = (changes > 1) & (changed > _PUSHES * np.median(changed))
+    # At an end, nothing shows that what goes away comes back.
+    inside = (time_ns - reach >= time_ns[0]) & (time_ns + reach <= time_ns[-1])
+    pushed: NDArray[np.bool_] = (changes > inside) & (changed > _PUSHES * np.median(changed))
     return pushed
 
 

@@ -245,3 +245,17 @@ def test_a_body_that_turns_faster_at_an_end_makes_no_spike(turned: slice) -> Non
     rows[[0, -1], 3] += 0.2
     (spikes,) = without_spikes(twist, None, False).spikes
     assert spikes.time_ns.tolist() == [0, 499 * 50_000_000]
+
+
+def test_a_push_just_before_the_last_sample_makes_no_spike() -> None:
+    """Differences of the pose show a seventh of it there."""
+    number = np.arange(500.0)
+    late = (number - 498.7).clip(min=0.0)
+    angle, rate = 0.1 * number + 5.0 * late**2, 10.0 + 1000.0 * late
+    twist = TimeSeries("/twist", (number * 1e7).astype(np.int64), np.zeros((500, 6)))
+    twist.values[:, 3:] = np.column_stack([rate, 0.0 * rate, 0.0 * rate])
+    twist.values[:, 3:] += 1e-3 * np.random.default_rng(1).standard_normal((500, 3))
+    pose = replace(twist, values=np.hstack([np.zeros((500, 3)), exponentials(angle[:, None] * [1.0, 0.0, 0.0])]))
+    push = [(np.array([0, 4_987_000_000]), np.array([[0.0], [1.0]]))]
+    assert without_spikes(twist, pose, False).spikes
+    assert not without_spikes(twist, pose, False, push).spikes
