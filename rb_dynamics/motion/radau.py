@@ -188,7 +188,9 @@ def _jacobian(
     """Return d slope / dy by one-sided differences; rows are slopes."""
     here = slope(node, y)
     columns = []
-    for k, difference in enumerate(differences):
+    for k, least in enumerate(differences):
+        # A load that grows within the step may make an unknown so large that the difference would be rounded away.
+        difference = max(least, _DIFFERENCE * abs(y[k]))
         there = [*y[:k], y[k] + difference, *y[k + 1 :]]
         columns.append([(b - c) / (there[k] - y[k]) for b, c in zip(slope(node, there), here, strict=True)])
     return [list(row) for row in zip(*columns, strict=True)][: len(differences)]

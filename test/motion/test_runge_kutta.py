@@ -454,3 +454,10 @@ class TestEuler:
         gained = 0.5 * INERTIA.mass * (dot(after, after) - dot(v, v))
         turned = 0.5 * h * dot(held.torque_body, add(w, omega))
         assert step.work == pytest.approx(gained + turned, abs=8.0 * EPS)
+
+
+def test_radau_differences_are_not_rounded_away() -> None:
+    """A lagged wrench that begins at nearly nothing made an unknown so large that its Jacobian divided by zero."""
+    found = radau._jacobian(lambda _, y: [2.0 * y[0], y[1]], 0.0, [1e12, 0.0], [1e-8, 1e-8])
+
+    assert found == [[pytest.approx(2.0), 0.0], [0.0, pytest.approx(1.0)]]
