@@ -595,7 +595,10 @@ def discrepancy(
     at_work = strength * per_mass * h
     if gained < _CANCELLED * at_work:
         gained = at_work
-    drift -= _ROUNDINGS * _EPSILON * (moved + gained * grows)
+    # The second half of the sums, too, is rounded: seen far from the origin, by a body that hardly moves.
+    at = phase.high
+    rounded_away = _EPSILON * norm((at[0], at[1], at[2]))
+    drift -= _ROUNDINGS * _EPSILON * (moved + gained * grows + rounded_away)
     # Only where strides begin: what lies beyond the end may be cut off by a command, or only be tried.
     farthest = max(farthest, norm(_away(goal, phase)))
     travelled = max(moved * goal.horizon / h, farthest, norm(_away(goal, kept)))

@@ -26,7 +26,7 @@ from rb_dynamics.motion import Increment, Inertia
 from rb_dynamics.motion.arc import Arc, Stepper
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.motion.phase_state import PhaseState, in_principal_axes, inertia_of
-from rb_dynamics.motion.step_control import AccuracyControl, FixedStep
+from rb_dynamics.motion.step_control import AccuracyControl, FixedStep, Goal, estimate
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, norm, scale, subtract
 from rb_dynamics.run.ensemble import Ensemble, driven_motion
@@ -695,3 +695,15 @@ def test_a_body_that_falls_into_a_centre_of_gravity_is_told_so(monkeypatch: pyte
     )
     with pytest.raises(ConvergenceError, match=r"at simulation time 1.1107.*near a centre of gravity into which the"):
         simulate(scene)
+
+
+def test_rounding_far_from_the_origin_is_no_error_of_a_slow_body() -> None:
+    """At 1e7 m the sums resolve 1e-25 m: more than a step of 1 ns may add to a path of 1e-9 m."""
+    still = (0.0,) * 10
+    goal = Goal(1e-7, 800.0, ends=True, x=1e7)
+    begin, kept, other = (
+        PhaseState((0.0, 0.0, 0.0, 1.0), (5e-4, 0.0, 0.0), (1e7, 0.0, 0.0, *still, time), (low, 0.0, 0.0, *still, 0.0))
+        for low, time in ((0.0, 0.0), (4e-21, 1e-9), (4e-21 + 5e-26, 1e-9))
+    )
+
+    assert estimate(goal, 7e-10, begin, kept, other, 1e-9, 0.0)[1] == 0.0
