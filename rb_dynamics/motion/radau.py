@@ -190,7 +190,7 @@ def _jacobian(
     columns = []
     for k, least in enumerate(differences):
         # A load that grows within the step may make an unknown so large that the difference would be rounded away.
-        difference = max(least, _DIFFERENCE * abs(y[k]))
+        difference = max(abs(least), _DIFFERENCE * abs(y[k]))
         there = [*y[:k], y[k] + difference, *y[k + 1 :]]
         columns.append([(b - c) / (there[k] - y[k]) for b, c in zip(slope(node, there), here, strict=True)])
     return [list(row) for row in zip(*columns, strict=True)][: len(differences)]
