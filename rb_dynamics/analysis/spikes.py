@@ -64,7 +64,7 @@ def without_spikes(
             followed = np.sum((rates - about) * beyond, axis=1) / size
         alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
         alone &= _near_others(twist.time_ns, odd) & ~_goes_on(rows, odd)[at]
-        # At an end, differences of the pose show half of what began just before.
+        # At an end, differences of the pose show less than half of a change that began just before.
         before, after = _others(odd)
         alone &= ~pushed[at] | ((pose is not None) & (before >= 0) & (after < len(odd)))
         alone &= pose is None or _between_neighbours(pose.time_ns, twist.time_ns[at])
@@ -147,9 +147,9 @@ def _that_come_back(
 
 
 def _pushed(time_ns: Times, wrenches: Iterable[tuple[Times, Array]]) -> NDArray[np.bool_]:
-    """Return near which samples wrenches change to and fro, or at an end change, by more than is usual.
+    """Return near which samples wrenches change to and fro, or change at all near an end, by more than usual.
 
-    Usual is in parts of their largest.
+    Changes are measured relative to the largest wrench of each channel.
     """
     reach = (_AROUND + 1) * int(np.median(np.diff(time_ns)))
     changed, at = np.zeros(len(time_ns)), [np.zeros(0, dtype=np.int64)]

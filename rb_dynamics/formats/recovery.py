@@ -71,8 +71,8 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     files = in_order(source)
     if not files:
         why = "; give a log, or a folder of them"
-        if packed := sorted(source.glob("*.mcap.zstd")):
-            why = f"; unpack its files first with zstd -d {packed[0].parent}/*.mcap.zstd"
+        if any(source.glob("*.mcap.zstd")):
+            why = f"; unpack its files first with zstd -d {source}/*.mcap.zstd"
         if tables := sorted(source.glob("*.db3")):
             why = instead_of_recover(tables[0])
         raise LogError(f"{source} has no .mcap files in it{why}")

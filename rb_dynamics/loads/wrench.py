@@ -46,7 +46,7 @@ class Wrench:
     def __post_init__(self) -> None:
         """Copy the arguments; invalid numbers are rejected only when the command would take effect.
 
-        Numbers beyond the range of double precision become infinite.
+        Whole numbers become floats, infinite beyond the range of double precision.
 
         Raises:
             TypeError: force or torque does not have three components, or frame_id is not text, so that it could not be
@@ -73,14 +73,14 @@ def frame_name(frame_id: str) -> str:
 
 
 def _within_doubles(component: Any) -> Any:
-    """Return a component, as a float if it is one or a whole number, infinite beyond the range of double precision."""
+    """Return a component: a float or a whole number as a float, infinite if too large; anything else as it is."""
     try:
         number = float(component)
     except OverflowError:
         return -math.inf if component < 0 else math.inf
     except (TypeError, ValueError):
         return component
-    # Anything else is judged when the command would take effect.
+    # A truth value is no number; that is judged when the command would take effect.
     return number if isinstance(component, (float, int)) and not isinstance(component, bool) else component
 
 

@@ -595,7 +595,7 @@ def discrepancy(
     at_work = strength * per_mass * h
     if gained < _CANCELLED * at_work:
         gained = at_work
-    # The second half of the sums, too, is rounded: seen far from the origin, by a body that hardly moves.
+    # The compensation of the sums is itself rounded, which shows for a slow body far from the origin.
     at = phase.high
     rounded_away = _EPSILON * norm((at[0], at[1], at[2]))
     drift -= _ROUNDINGS * _EPSILON * (moved + gained * grows + rounded_away)
