@@ -348,6 +348,7 @@ class AccuracyControl:
             raise ConvergenceError(
                 f"accuracy {self.goal.accuracy:g} cannot be kept: at simulation time {elapsed(phase):.9g} s a step "
                 f"of 1 ns has an error of {error:.3g}; "
+                + _LOW_ORDER * (self.goal.order <= 2.0)
                 + (_TOO_FAST if trials.refused is None else f"one of {_SHORT:g} ns cannot be taken: {trials.refused}")
             )
         # Steps that are short because of a gradual change of the load need not stay short after it.
@@ -374,6 +375,11 @@ _TOO_FAST = (
     "a load is discontinuous there, and its effect should name the time in knots() and choose the load by `start`, or "
     "it is too strong, as near a centre of gravity into which the body falls; correct it, or accept a larger "
     "solver.accuracy"
+)
+# The errors of such a step are then as long as the way, however short the step.
+_LOW_ORDER = (
+    "a body that starts from rest needs a method of higher order, such as auto, where its load changes gradually, and "
+    "for euler under any load; or "
 )
 
 

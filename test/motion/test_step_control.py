@@ -707,3 +707,16 @@ def test_rounding_far_from_the_origin_is_no_error_of_a_slow_body() -> None:
     )
 
     assert estimate(goal, 7e-10, begin, kept, other, 1e-9, 0.0)[1] == 0.0
+
+
+@pytest.mark.parametrize(("method", "lag"), [("midpoint", 0.1), ("euler", 0.0)])
+def test_from_rest_a_method_of_low_order_names_one_that_can(method: str, lag: float) -> None:
+    scene = parse_scene(
+        f"{{body: {{mass: 2, inertia: {{diagonal: [1, 1.2, 1.5]}}}}, wrenches: [{{topic: w, lag: {lag}}}], "
+        f"duration: 1, solver: {{method: {method}, accuracy: 1e-3}}}}"
+    )
+    commands = [("w", Wrench((1.0, 0.0, 0.0)))]
+
+    with pytest.raises(ConvergenceError, match="a method of higher order, such as auto"):
+        simulate(scene, commands)
+    simulate(replace(scene, solver=replace(scene.solver, method="auto")), commands)
