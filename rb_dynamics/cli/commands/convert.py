@@ -184,7 +184,7 @@ def _scene_at(source: Path, target: Path, at_s: float) -> int:
         file.write(found.text.encode())
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
-    print(f"wrote {target}: continues {source} from {at_s:.9g} s")
+    print(f"wrote {target}: continues {source} from {at_s!r} s")
     if found.later:
         print(f"with its later commands: simulate {target} --wrench {source} --wrench-start {at_s!r}")
     return 0
