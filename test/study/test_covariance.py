@@ -237,6 +237,24 @@ def test_a_torque_that_a_fit_found_is_uncertain_where_the_scene_has_it(log: Path
         rb.covariance(log, lacks)
 
 
+def test_drag_between_outputs_that_are_far_apart_is_resolved(tmp_path: Path) -> None:
+    """v falls as exp(-c t / m): so does its deviation, where the body does not turn and outputs are 20 s apart."""
+    scene = rb.parse_scene("""
+    body: {mass: 2.0, inertia: {diagonal: [1, 1, 1]}}
+    initial: {linear_velocity_world: [1, 0, 0]}
+    wrenches: []
+    effects: [{type: linear_drag, translation: 0.08}]
+    duration: 60
+    output_rate: 0.05
+    """)
+    rb.simulate(scene, sinks=[McapSink(path := tmp_path / "run.mcap")])
+    found = rb.covariance(path, sigmas={"initial.linear_velocity_world.x": 1e-3})
+    last = found.time_ns[-1] * 1e-9
+    left = math.exp(-0.04 * last)
+    assert found.deviations("linear_velocity_world")[-1, 0] == pytest.approx(1e-3 * left, rel=2e-5)
+    assert found.deviations("position_world")[-1, 0] == pytest.approx(1e-3 * (1.0 - left) / 0.04, rel=2e-5)
+
+
 def test_along_an_orbit_it_is_that_of_clohessy_and_wiltshire(tmp_path: Path) -> None:
     """Central gravity is differentiated by differences, as the effects of plug-ins are."""
     radius, mu = 7e6, 3.986004418e14

@@ -510,8 +510,9 @@ class Model:
         count, lowest = len(knots), int(knots.argmin())
         rows = [lowest + np.searchsorted(knots[lowest:], at) for at in times]
         lengths = (knots - starts) / NANOSECONDS
-        # Other effects may vary faster than the body turns: then, too, shorter steps must show an error of the steps.
-        least = np.ceil(TURN / self.turn) if self.others else 1
+        # Drag and other effects may vary faster than the body turns: then, too, shorter steps must show their error.
+        varies = self.others or any(isinstance(each, LinearDrag | QuadraticDrag) for each in self.scene.effects)
+        least = np.ceil(TURN / self.turn) if varies else 1
         steps = np.maximum(least, np.ceil(np.abs(lengths) * self.starts[number].fastest / self.turn)).astype(np.int64)
         numbers, by = self._numbers(z)
         inverse = _inverse(rows_of(numbers[:6])).ravel()
