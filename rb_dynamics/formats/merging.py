@@ -27,6 +27,7 @@ from rb_dynamics.formats.log_metadata import (
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_definitions import schema_text
+from rb_dynamics.formats.message_fields import differ
 from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
@@ -75,6 +76,11 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
                 raise LogError(
                     f"{target}: topic {channel.topic} is {known.name} in one bag and {channel.schema.name} in another, "
                     "expected one type; leave out one of the bags"
+                )
+            if known != channel.schema and differ(known, channel.schema):
+                raise LogError(
+                    f"{target}: topic {channel.topic} is {known.name} of other fields in one bag than in another, "
+                    "expected one definition; leave out one of the bags"
                 )
             copy.add(message._replace(channel=replace(channel, schema=known)))
             found.messages += 1

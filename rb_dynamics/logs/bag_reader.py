@@ -31,6 +31,7 @@ from rb_dynamics.formats.log_metadata import (
     next_file,
 )
 from rb_dynamics.formats.mcap_records import McapChannel
+from rb_dynamics.formats.message_fields import is_other
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
 from rb_dynamics.loads.wrench import Wrench
@@ -243,10 +244,16 @@ def _line_of(bag: Bag, commands: Topic) -> ClockLine:
 
 
 def named_type(channel: McapChannel) -> str:
-    """Return "pkg/msg/Type", for the older "pkg/Type" too; if not CDR, with its encoding, so that it fits no type."""
+    """Return "pkg/msg/Type", for the older "pkg/Type" too.
+
+    If not CDR, with its encoding, and if its definition is another than that of the type, with that, so that it fits
+    no type.
+    """
     type_name = channel.type_name
     if channel.encoding != "cdr":
         return f"{channel.encoding}:{type_name}"
+    if is_other(channel.schema):
+        return f"other fields:{type_name}"
     return type_name.replace("/", "/msg/") if type_name.count("/") == 1 else type_name
 
 
