@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -304,12 +304,12 @@ def _within(found: Messages, span: Span) -> Messages:
 
 
 def quantities_of(
-    kinds: Mapping[str, str], where: str, topics: Sequence[str] = (), covariances: bool = False
+    kinds: Iterable[tuple[str, str]], where: str, topics: Sequence[str] = (), covariances: bool = False
 ) -> list[Quantity]:
     """Return which quantities there are, in the order of the columns.
 
     Args:
-        kinds: type of each topic.
+        kinds: topics and their types; a topic may have several.
         where: the name of the bags in error messages.
         topics: those that are wanted; all, if empty.
         covariances: whether they are wanted, too.
@@ -317,19 +317,20 @@ def quantities_of(
     Raises:
         LogError: there are none, or not the topics that are wanted.
     """
-    names = {name.lstrip("/"): kind for name, kind in kinds.items()}
+    pairs = {*kinds}
     wanted = {name.lstrip("/") for name in topics}
-    found = {quantity for name in wanted or names for quantity, _ in QUANTITIES.get(names.get(name, ""), ())}
+    here = [kind for name, kind in pairs if not wanted or name.lstrip("/") in wanted]
+    found = {quantity for kind in here for quantity, _ in QUANTITIES.get(kind, ())}
     if covariances:
-        found |= {part for name in wanted or names for part in _COVARIANCES.get(names.get(name, ""), ((),))[0]}
-    missing = sorted(name for name in wanted if name not in names)
+        found |= {part for kind in here for part in _COVARIANCES.get(kind, ((),))[0]}
+    missing = sorted(wanted - {name.lstrip("/") for name, _ in pairs})
     if missing or not found:
-        known = {name: kind for name, kind in kinds.items() if kind in QUANTITIES} or kinds
-        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(known.items())) or "none"
+        known = {pair for pair in pairs if pair[1] in QUANTITIES} or pairs
+        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(known)) or "none"
         raise LogError(
             f"{where}: found {'no topic ' + missing[0] if missing else 'nothing to convert'}, expected a topic of a "
             f"pose, a twist, an IMU, a wrench or another type whose quantities are known; "
-            + (f"those are {listed}: name one of these" if known is not kinds else f"the topics are {listed}")
+            + (f"those are {listed}: name one of these" if known is not pairs else f"the topics are {listed}")
         )
     return [quantity for quantity in _ORDER if quantity in found]
 

@@ -106,13 +106,15 @@ _MOTIONS = {*POSES, *TWISTS, *IMUS}
 
 @dataclass(frozen=True)
 class _Input:
-    """A log or bag that has been read through: its kind, and the type of each topic."""
+    """A log or bag that has been read through: its kind, and the messages of each topic and type.
+
+    One topic may be of two types, in a bag or in two of them.
+    """
 
     path: Path
     source: Source
-    kinds: dict[str, str]
     motion_ns: int
-    counts: Counter[str]
+    counts: Counter[tuple[str, str]]
 
     def span(self, window_s: Window) -> Span:
         """Return the log times of a window: s of simulation time, or since the first message of a motion.
@@ -134,6 +136,10 @@ class _Input:
     @property
     def own(self) -> bool:
         return RUN in self.source.metadata
+
+    def of(self, topics: set[str]) -> list[tuple[str, str]]:
+        """Return topic and type of those of these topics that it has."""
+        return [(topic, kind) for topic, kind in self.counts if topic in topics]
 
 
 def to_table(
@@ -182,7 +188,7 @@ def to_table(
                 "leave out --covariances"
             )
         return _samples_to_table(own, target, beside, skip, window_s)
-    kinds = {topic: kind for each in inputs for topic, kind in each.kinds.items()}
+    kinds = dict.fromkeys(pair for each in inputs for pair in each.counts)
     quantities = quantities_of(kinds, ", ".join(str(each.path) for each in inputs), topics, covariances)
     for each in inputs:
         _name_left_out(each, topics)
@@ -207,16 +213,17 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
     """Yield each input; `split`: with the pairs of frames of a log of this package too."""
     found = False
     for number, path in enumerate(map(Path, paths)):
-        source, kinds, counts = open_source(path), dict[str, str](), Counter[str]()
+        source, counts = open_source(path), Counter[tuple[str, str]]()
         first: dict[bool, int] = {}
         try:
             for block in source.blocks():
-                kinds[block.channel.topic] = kind = named_type(block.channel)
-                counts[block.channel.topic] += len(block.log_times)
+                kind = named_type(block.channel)
+                counts[block.channel.topic, kind] += len(block.log_times)
                 moves, begin_ns = kind in _MOTIONS, int(block.log_times.min())
                 first[moves] = min(first.get(moves, begin_ns), begin_ns)
                 if kind == TRANSFORMS and (split or RUN not in source.metadata):
-                    kinds |= {part.channel.topic: TRANSFORM for part in transforms(block).blocks}
+                    for part in transforms(block).blocks:
+                        counts[part.channel.topic, TRANSFORM] += len(part.log_times)
         except LogError as error:
             if skip is None or (number == len(paths) - 1 and not found):
                 raise
@@ -225,21 +232,22 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
         found = True
         if skip is not None and (lost := loss(source.complete, source.metadata)):
             skip(path, LogError(f"{path} {lost}"))
-        yield _Input(source.path, source, kinds, first.get(True, first.get(False, 0)), counts)
+        yield _Input(source.path, source, first.get(True, first.get(False, 0)), counts)
 
 
 def _name_left_out(found: _Input, topics: Sequence[str]) -> None:
     """Warn of topics with messages, of those wanted, whose quantities are not known."""
     wanted = {name.lstrip("/") for name in topics}
-    unknown = {topic for topic, kind in found.kinds.items() if kind not in (*QUANTITIES, TRANSFORMS)}
-    left = {topic for topic in unknown if not wanted or topic.lstrip("/") in wanted}
+    left = {
+        (topic, kind)
+        for topic, kind in found.counts
+        if kind not in (*QUANTITIES, TRANSFORMS) and (not wanted or topic.lstrip("/") in wanted)
+    }
     _warn_of(found, left, "left out, as types without known quantities")
 
 
-def _warn_of(found: _Input, left: set[str], why: str) -> None:
-    named = [
-        f"{topic} ({found.kinds[topic]}, {found.counts[topic]} messages)" for topic in sorted(left & {*found.kinds})
-    ]
+def _warn_of(found: _Input, left: Iterable[tuple[str, str]], why: str) -> None:
+    named = [f"{topic} ({kind}, {found.counts[topic, kind]} messages)" for topic, kind in sorted(left)]
     if named:
         _logger.warning("%s: %s: %s", found.path, why, ", ".join(named))
 
@@ -259,9 +267,9 @@ def _samples_to_table(
             continue
         parts.append((each.path, scene, names))
         devices = {names[sensor.name] for sensor in scene.sensors}
-        _warn_of(each, devices, "not in the samples, a table of messages has those that --pose-topic names")
+        _warn_of(each, each.of(devices), "not in the samples, a table of messages has those that --pose-topic names")
         wheels = {names[WHEELS[0]] for _ in scene.wheels}
-        _warn_of(each, wheels, "in no table, inspect shows them")
+        _warn_of(each, each.of(wheels), "in no table, inspect shows them")
     wide = dict.fromkeys(name for _, scene, names in parts for name in row_columns(scene, names))
     run = [Column("run", "text")] if len(logs) > 1 else []
     columns = [*run, Column("time_ns", "whole", "ns"), *(Column(name, unit=unit_of(name)) for name in wide)]
@@ -353,7 +361,7 @@ def log_to_rerun(
     require_other(target, log)
     (found,) = _looked_through([log], skip, bool(topics))
     if topics or not found.own:
-        quantities_of(found.kinds, str(found.path), topics)
+        quantities_of(found.counts, str(found.path), topics)
         _name_left_out(found, topics)
         return bag_to_rerun(found.path, target, topics, found.span(window_s), skip)
     source = found.source
@@ -388,7 +396,7 @@ def merge_bags(paths: Sequence[Path], target: Path, window_s: Window = _WHOLE) -
     require_other(target, *paths)
     inputs = list(_looked_through(paths, None, split=False))
     notes = [*_logs_together([each for each in inputs if each.own])]
-    moving = [each for each in inputs if _MOTIONS & set(each.kinds.values())] or inputs
+    moving = [each for each in inputs if _MOTIONS & {kind for _, kind in each.counts}] or inputs
     span = min(moving, key=lambda each: 0 if each.own else each.motion_ns).span(window_s)
     found = merge(paths, target, span)
     return Written(target, found.messages, "messages"), [*notes, *found.notes]
@@ -403,7 +411,8 @@ def _logs_together(logs: Sequence[_Input]) -> Iterator[str]:
     if logs:
         yield "the messages are those of the log, but no run: replay needs the log itself"
     for one, other in itertools.combinations(logs, 2):
-        common = [topic for topic in one.kinds if one.kinds[topic] in _MOTIONS and topic in other.kinds]
+        theirs = {topic for topic, _ in other.counts}
+        common = [topic for topic, kind in one.counts if kind in _MOTIONS and topic in theirs]
         if common:
             raise LogError(
                 f"{one.path} and {other.path} are two runs, both with {common[0]} from time 0 on, expected topics "

@@ -34,7 +34,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.formats.message_types import MAGNETIC_FIELD, QUATERNION
+from rb_dynamics.formats.message_types import MAGNETIC_FIELD, ODOMETRY, POSE, QUATERNION
 from rb_dynamics.formats.topic_messages import KEPT
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -416,3 +416,17 @@ def test_the_messages_of_attitude_sensors_come_out_and_types_that_are_not_known_
     caplog.clear()
     to_table([bag], table, ["star"])
     assert not caplog.text
+
+
+def test_a_topic_of_two_types_has_the_quantities_of_both_in_any_order_of_the_bags(tmp_path: Path) -> None:
+    motion = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
+    odometry = cdr.encode(
+        ODOMETRY, 1, "world", "body", motion, (0.0,) * 36, (4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (0.0,) * 36
+    )
+    rows = ("/odom", ODOMETRY, 1, odometry), ("/odom", POSE, 2, cdr.encode(POSE, 2, "world", motion))
+    bags = [write_rows(tmp_path / f"{k}.mcap", [row]) for k, row in enumerate(rows)]
+    for paths in (bags, bags[::-1]):
+        to_table(paths, tmp_path / "a.csv")
+        table = csv.DictReader((tmp_path / "a.csv").read_text().splitlines())
+        (found,) = (row for row in table if row["type"] == ODOMETRY)
+        assert [float(found[f"angular_velocity_{axis}_rad_s"]) for axis in "xyz"] == [7.0, 8.0, 9.0]
