@@ -355,37 +355,44 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor in each flight that the residuals show, over the freedom that the fit left."""
-    roots = [triangle(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] for each in predicted]
-    # The freedom that each sensor lends to the fit is the sum of its leverages.
-    basis = np.linalg.qr(np.vstack([*roots, np.eye(roots[0].shape[1]) / _FAR]))[0]
-    taken = {
-        each.key: (float(np.sum(each.left**2)), each.left.size - float(np.sum(mine**2)))
-        for each, mine in zip(predicted, np.split(basis, np.cumsum([len(root) for root in roots])), strict=False)
-    }
+    freedoms = _freedoms(predicted, noise)
+    taken = {each.key: (float(np.sum(each.left**2)), each.left.size, freedoms[each.key]) for each in predicted}
     found = {}
     for each in predicted:
-        squares, freedom = taken[each.key]
+        squares, size, freedom = taken[each.key]
         if freedom < _ALONE:
             # Numbers that few samples leave by chance would take the whole weight: all flights of the sensor count.
             alike = [taken[other] for other in taken if other[:2] == each.key[:2]]
-            squares, freedom = (sum(numbers) for numbers in zip(*alike, strict=True))
+            squares, size, freedom = (sum(numbers) for numbers in zip(*alike, strict=True))
         typical = 1.4826 * float(np.median(np.abs(each.left)))
-        level = np.sqrt(squares / max(freedom, 1.0)) if loss == "linear" else typical
+        level = np.sqrt((squares if loss == "linear" else size * typical**2) / max(freedom, 1.0))
         found[each.key] = max(float(level), floor_of(model, each.key))
     return found
+
+
+def _freedoms(predicted: Sequence[Predicted], noise: dict[Key, float]) -> dict[Key, float]:
+    """Return how many of the numbers of each stream the fit leaves free: all but the sum of their leverages."""
+    roots = [triangle(each.by.reshape(-1, each.by.shape[2])) / noise[each.key] for each in predicted]
+    basis = np.linalg.qr(np.vstack([*roots, np.eye(roots[0].shape[1]) / _FAR]))[0]
+    parts = np.split(basis, np.cumsum([len(root) for root in roots]))
+    return {each.key: each.left.size - float(np.sum(mine**2)) for each, mine in zip(predicted, parts, strict=False)}
 
 
 def _of_errors(predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each stream with which the errors of least squares are those of a robust loss.
 
-    They are larger by sqrt(E psi^2) / E psi', with the derivative psi of the loss: Huber & Ronchetti, Robust Statistics
-    (2009), section 7.6.
+    They are larger by sqrt(E psi^2) / E psi', with the derivative psi of the loss, corrected for the freedom that the
+    fit took: Huber & Ronchetti, Robust Statistics (2009), section 7.6.
     """
-    return {each.key: noise[each.key] * _times_larger(each.left / noise[each.key], loss) for each in predicted}
+    freedoms = _freedoms(predicted, noise)
+    return {
+        each.key: noise[each.key] * _times_larger(each.left / noise[each.key], freedoms[each.key], loss)
+        for each in predicted
+    }
 
 
-def _times_larger(left: Array, loss: str) -> float:
-    squares = left**2
+def _times_larger(left: Array, freedom: float, loss: str) -> float:
+    squares, free = left**2, max(freedom, 1.0) / left.size
     if loss == "huber":
         slopes, bends = 1.0 / np.sqrt(np.maximum(squares, 1.0)), 1.0 * (squares <= 1.0)
     elif loss == "soft_l1":
@@ -393,7 +400,9 @@ def _times_larger(left: Array, loss: str) -> float:
     else:
         slopes, bends = 1.0 / (1.0 + squares), (1.0 - squares) / (1.0 + squares) ** 2
     # Nothing is known of a stream of outliers alone.
-    return float(np.sqrt(np.mean(squares * slopes**2)) / max(float(np.mean(bends)), _LEAST_BEND))
+    bend = max(float(np.mean(bends)), _LEAST_BEND)
+    correction = 1.0 + (1.0 - free) * float(np.var(bends)) / bend**2
+    return correction * float(np.sqrt(np.mean(squares * slopes**2) / free)) / bend
 
 
 def _refine(model: Model, z: Array, noise: dict[Key, float], predicted: Sequence[Predicted]) -> bool:
