@@ -194,9 +194,12 @@ def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converge
         z, converged = again.x, bool(again.status > 0)
         predicted = _of_a_motion(model, z, noise)
     left, weighted = stacked(predicted, noise)
+    robust = None
     if loss != "linear":
-        weighted = stacked(predicted, _of_errors(predicted, noise, loss))[1]
-    return Fit(z, noise, [each.without_derivatives() for each in predicted], weighted, left, 1, 1, converged)
+        errors = _of_errors(predicted, noise, loss)
+        weighted, robust = stacked(predicted, errors)[1], _likelihood(predicted, noise, errors, loss)
+    kept = [each.without_derivatives() for each in predicted]
+    return Fit(z, noise, kept, weighted, left, 1, 1, converged, robust=robust)
 
 
 def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
@@ -392,17 +395,47 @@ def _of_errors(predicted: Sequence[Predicted], noise: dict[Key, float], loss: st
 
 
 def _times_larger(left: Array, freedom: float, loss: str) -> float:
-    squares, free = left**2, max(freedom, 1.0) / left.size
-    if loss == "huber":
-        slopes, bends = 1.0 / np.sqrt(np.maximum(squares, 1.0)), 1.0 * (squares <= 1.0)
-    elif loss == "soft_l1":
-        slopes, bends = (1.0 + squares) ** -0.5, (1.0 + squares) ** -1.5
-    else:
-        slopes, bends = 1.0 / (1.0 + squares), (1.0 - squares) / (1.0 + squares) ** 2
-    # Nothing is known of a stream of outliers alone.
-    bend = max(float(np.mean(bends)), _LEAST_BEND)
+    free = max(freedom, 1.0) / left.size
+    _, psi, bends = _of_loss(left, loss)
+    bend = _mean_bend(bends)
     correction = 1.0 + (1.0 - free) * float(np.var(bends)) / bend**2
-    return correction * float(np.sqrt(np.mean(squares * slopes**2) / free)) / bend
+    return correction * float(np.sqrt(np.mean(psi**2) / free)) / bend
+
+
+def _mean_bend(bends: Array) -> float:
+    # Nothing is known of a stream of outliers alone.
+    return max(float(np.mean(bends)), _LEAST_BEND)
+
+
+def _of_loss(left: Array, loss: str) -> tuple[Array, Array, Array]:
+    """Return twice a robust loss of residuals over noise, its derivative psi, and that of psi."""
+    squares = left**2
+    if loss == "huber":
+        size = np.sqrt(np.maximum(squares, 1.0))
+        near: Array = (squares <= 1.0).astype(np.float64)
+        return np.where(squares <= 1.0, squares, 2.0 * size - 1.0), left / size, near
+    if loss == "soft_l1":
+        size = np.sqrt(1.0 + squares)
+        return 2.0 * (size - 1.0), left / size, 1.0 / size**3
+    return np.log1p(squares), left / (1.0 + squares), (1.0 - squares) / (1.0 + squares) ** 2
+
+
+def _likelihood(
+    predicted: Sequence[Predicted], noise: dict[Key, float], errors: dict[Key, float], loss: str
+) -> Callable[[Sequence[Predicted]], tuple[float, Array]]:
+    """Return `Fit.robust`: near `predicted` it grows with parameters as the `errors` of the loss say."""
+    bends = {each.key: _mean_bend(_of_loss(each.left / noise[each.key], loss)[2]) for each in predicted}
+
+    def judged(others: Sequence[Predicted]) -> tuple[float, Array]:
+        total, left = 0.0, []
+        for each in others:
+            times, bend = errors[each.key] / noise[each.key], bends[each.key]
+            losses, psi, _ = _of_loss(each.left / noise[each.key], loss)
+            total += float(np.sum(losses)) / (bend * times**2)
+            left.append(np.ravel(psi) / (bend * times))
+        return total, np.concatenate(left)
+
+    return judged
 
 
 def _refine(model: Model, z: Array, noise: dict[Key, float], predicted: Sequence[Predicted]) -> bool:

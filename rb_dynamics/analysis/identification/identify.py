@@ -672,7 +672,10 @@ class _Report:
         """
         if self.fit.profile is not None:
             return self.fit.profile(z), None
-        predicted = self.model.predict(z, derivatives=False)
+        predicted = list(self.model.predict(z, derivatives=False))
+        if self.fit.robust is not None:
+            # Squares of outliers say nothing of parameters: at the solution they would fall to one side.
+            return self.fit.robust(predicted)
         left = np.concatenate([np.ravel(each.left / self.fit.noise[each.key]) for each in predicted])
         return float(left @ left), left
 

@@ -37,6 +37,8 @@ class Fit(NamedTuple):
             from a single start.
         profile: of joined segments, -2 times the logarithm of the likelihood of other parameters.
         joined: the fit of joined segments, if it is likelier than the one from a single start.
+        robust: of a robust loss, gives for what other parameters leave -2 times the logarithm of the likelihood, and
+            residuals over the errors of the loss that it would have as least squares; None of least squares.
     """
 
     z: Array
@@ -50,6 +52,7 @@ class Fit(NamedTuple):
     disturbance: float | None = None
     profile: Callable[[Array], float] | None = None
     joined: Fit | None = None
+    robust: Callable[[Sequence[Predicted]], tuple[float, Array]] | None = None
 
 
 @dataclass(frozen=True)
