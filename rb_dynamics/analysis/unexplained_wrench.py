@@ -31,6 +31,8 @@ from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typ
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, motion_blocks, shared
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
 
@@ -285,7 +287,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         recorded=track.acted,
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
-        untold=_untold(found, explained, level, scale < np.inf, caused),
+        untold=_untold(found, explained, level, scale < np.inf, caused, _actuated(track)),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),
@@ -305,7 +307,15 @@ def _share(found: InertiaScore, track: Track) -> float:
     return min(1.0, (found.end_ns - found.begin_ns) / max(end - begin, 1))
 
 
-def _untold(found: InertiaScore | None, explained: bool, noise: float, turned: bool, caused: bool) -> str:
+def _actuated(track: Track) -> str:
+    """Return the commands to actuators whose wrenches are not in the bag; those of thrusters are, in a log."""
+    bag = track.bag
+    return ", ".join(name for name in bag.actuated if name.removesuffix(COMMAND) + APPLIED not in bag.topics)
+
+
+def _untold(
+    found: InertiaScore | None, explained: bool, noise: float, turned: bool, caused: bool, actuated: str
+) -> str:
     """Return why nothing can be said.
 
     Args:
@@ -314,6 +324,7 @@ def _untold(found: InertiaScore | None, explained: bool, noise: float, turned: b
         noise: of the angular momentum, relative.
         turned: whether the body turned, or a torque acted.
         caused: whether a cause is found of what is not explained.
+        actuated: commands to actuators whose wrenches are not recorded.
     """
     if explained:
         if found is None:
@@ -321,6 +332,8 @@ def _untold(found: InertiaScore | None, explained: bool, noise: float, turned: b
         if noise < TELLS and min(found.unseen) < TELLS:
             return ""
         return "the noise of the recording hides it" if noise > 0.0 else _SAME_MOTION
+    if actuated:
+        return f"{actuated} may command actuators, and what these did to the body is not recorded"
     if found is None:
         return "" if caused else SHORT
     if found.late:

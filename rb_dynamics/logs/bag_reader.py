@@ -34,6 +34,7 @@ from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.message_fields import is_other
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
+from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
@@ -88,6 +89,13 @@ class Bag:
     cut_ns: tuple[int, int] | None = None
     zero_ns: int | None = None
     unset: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def actuated(self) -> list[str]:
+        """Names of the topics that are taken for commands to actuators: numbers on NAME/command."""
+        return sorted(
+            name for name, topic in self.topics.items() if topic.type_name == types.SCALAR and name.endswith(COMMAND)
+        )
 
     @property
     def ended(self) -> bool:

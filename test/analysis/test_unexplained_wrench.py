@@ -259,3 +259,25 @@ duration: 4
         (judged,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
         assert (judged.judged, judged.passed) == (False, True)
         assert "what turns by /wheels has angular momentum, too" in judged.detail
+
+
+@pytest.mark.parametrize("given", ["[0.5, 0.7, 0.9]", "[0.5, 0.8, 0.9]"])
+def test_what_a_magnetorquer_does_is_no_torque_that_nobody_recorded(tmp_path: Path, given: str) -> None:
+    """A part of a log has its commands, and nothing of its torque: no inertia was said to explain the motion."""
+    text = """
+body: {mass: 4, inertia: {diagonal: [0.5, 0.7, 0.9]}}
+initial: {angular_velocity_body: [0.3, 0.5, -0.2]}
+wrenches: []
+effects: [{type: magnetic_field, model: uniform, field_world: [2.0e-5, 0, 3.0e-5]}]
+actuators: [{type: magnetorquer, name: rod, axis: [0, 1, 0], max_dipole: 3000.0}]
+output_rate: 100
+duration: 4
+"""
+    log, part = tmp_path / "run.mcap", tmp_path / "part.mcap"
+    simulate(parse_scene(text), [("rod/command", Setpoint(2000.0, 10**9))], [McapSink(log)])
+    assert main(["convert", str(log), str(part), "--from", "0.5", "--to", "3.5"]) == 0
+    scene = parse_scene(f"body: {{mass: 4, inertia: {{diagonal: {given}}}}}")
+    for found in (inspect(part), inspect(part, scene=scene)):
+        (judged,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
+        assert (judged.judged, judged.passed) == (False, True)
+        assert "/rod/command may command actuators" in judged.detail

@@ -22,7 +22,6 @@ from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, 
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
-from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import Bag, read_bag
@@ -478,8 +477,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
 
 def _of_actuators(bag: Bag) -> list[str]:
     """Return a remark on commands to actuators, which no fit has."""
-    names = (name for name, topic in bag.topics.items() if topic.type_name == SCALAR and name.endswith("/command"))
-    told = ", ".join(sorted(names))
+    told = ", ".join(bag.actuated)
     return [f"{told}: taken for commands to actuators, which a fit does not have"] if told else []
 
 
