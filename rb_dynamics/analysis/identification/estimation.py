@@ -7,8 +7,10 @@ fit to the one before foresees it. Each sensor is weighted by its own noise, whi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -107,7 +109,7 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
         bar.step()
         found.append((longest, whole))
         # A fit that has come to rest and leaves only noise is the minimum: no other start can improve it.
-        if whole.status > 0 and _explained(model, whole.x, noise):
+        if whole.status > 0 and _explained(model, whole.x, noise, loss):
             break
     costs = np.array([whole.cost for _, whole in found])
     best = found[int(costs.argmin())][1]
@@ -118,7 +120,8 @@ def _best(model: Model, starts: int, loss: str, seed: int, progress: Callable[[f
         if shot is None:
             raise
         fit = shot
-    if not _only_noise(model, fit):
+    # Of a robust loss, what is left may hold outliers, which the joined segments of least squares would follow.
+    if not (_only_noise(model, fit) or (loss != "linear" and fit.converged and _explained(model, fit.z, noise, loss))):
         shot = shot or joined(model, [best.x, *tries], noise, _FAR)
         if shot is not None:
             fit = _from_one_start(model, shot, noise, loss) or fit._replace(joined=None if fit is shot else shot)
@@ -133,7 +136,7 @@ def _from_one_start(model: Model, shot: Fit, noise: dict[Key, float], loss: str)
     """
     if shot.disturbance or not _only_noise(model, shot):
         return None
-    if _explained(model, shot.z, noise):
+    if _explained(model, shot.z, noise, loss):
         fit = settled(model, shot.z, noise, loss)
         if _only_noise(model, fit):
             return fit
@@ -202,11 +205,19 @@ def settled(model: Model, z: Array, noise: dict[Key, float], loss: str, converge
     return Fit(z, noise, kept, weighted, left, 1, 1, converged, robust=robust)
 
 
-def _explained(model: Model, z: Array, noise: dict[Key, float]) -> bool:
-    """Return whether what is left of each stream is about the noise that its differences show."""
-    return all(
-        float(np.sqrt(np.mean(p.left**2))) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False)
-    )
+def _explained(model: Model, z: Array, noise: dict[Key, float], loss: str) -> bool:
+    """Return whether what is left of each stream is about the noise that its differences show.
+
+    Of a robust loss, nearly a third may be outliers; by the median, a motion that fits half of the samples would do.
+    """
+    return all(_level(p.left, loss, 0.7) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False))
+
+
+def _level(left: Array, loss: str, part: float = 0.5) -> float:
+    """Return the root mean square of residuals; of a robust loss that of normal noise with the size of this part."""
+    if loss == "linear":
+        return float(np.sqrt(np.mean(left**2)))
+    return float(np.quantile(np.abs(left), part)) / NormalDist().inv_cdf(0.5 + 0.5 * part)
 
 
 def _angles(model: Model) -> list[float]:
@@ -359,17 +370,15 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor in each flight that the residuals show, over the freedom that the fit left."""
     freedoms = _freedoms(predicted, noise)
-    taken = {each.key: (float(np.sum(each.left**2)), each.left.size, freedoms[each.key]) for each in predicted}
+    taken = {each.key: (each.left.size * _level(each.left, loss) ** 2, freedoms[each.key]) for each in predicted}
     found = {}
     for each in predicted:
-        squares, size, freedom = taken[each.key]
+        squares, freedom = taken[each.key]
         if freedom < _ALONE:
             # Numbers that few samples leave by chance would take the whole weight: all flights of the sensor count.
             alike = [taken[other] for other in taken if other[:2] == each.key[:2]]
-            squares, size, freedom = (sum(numbers) for numbers in zip(*alike, strict=True))
-        typical = 1.4826 * float(np.median(np.abs(each.left)))
-        level = np.sqrt((squares if loss == "linear" else size * typical**2) / max(freedom, 1.0))
-        found[each.key] = max(float(level), floor_of(model, each.key))
+            squares, freedom = (sum(numbers) for numbers in zip(*alike, strict=True))
+        found[each.key] = max(math.sqrt(squares / max(freedom, 1.0)), floor_of(model, each.key))
     return found
 
 
