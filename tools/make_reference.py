@@ -188,7 +188,7 @@ MEANING = {
     "medium_velocity_world": "m/s, of the medium",
     "axis_body": "direction of the wheel's axis",
     "axial_inertia": "kg m², of the wheel about its axis",
-    "spin_rate": "rad/s relative to the body; a number, or a schedule `[{time:, rate:}, ...]`",
+    "spin_rate": "rad/s relative to the body; a number, or `[{time:, rate:}, ...]`, linear between entries",
     "frame_id": "axes and point of application of the wrenches, as in a message header",
     "model": "`uniform`, `dipole` or `igrf`",
     "field_world": "T, of a uniform field",

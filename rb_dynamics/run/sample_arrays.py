@@ -49,7 +49,8 @@ def _read_only(array: Numbers) -> Numbers:
 class Samples:
     """Samples of many bodies, or at many times: each field of `Sample` with a leading dimension.
 
-    A field is computed when it is first read. Arrays are read-only.
+    In place of the defects of the momenta it has the impulses. A field is computed when it is first read. Arrays are
+    read-only.
 
     Attributes:
         time_ns: of all bodies, or one for each row; integer nanoseconds.
