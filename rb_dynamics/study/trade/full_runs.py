@@ -19,8 +19,10 @@ from rb_dynamics.study.trade.result import TradeRow, Verdict, grown
 # outputs that describe the motion.
 _FINEST, _EXPECTED = 0.5, 0.25
 
-# Accuracy of the run that checks the most accurate row, relative to that row's.
-_TIGHTER = 0.01
+# Accuracy of the run that checks the most accurate row: relative to that row's error, and the finest. Where rounding
+# forbids it, coarser ones are tried.
+_TIGHTER, _TIGHTEST = 0.01, 1e-14
+_COARSER = tuple(10.0**k for k in range(5))
 
 
 class FullRuns:
@@ -36,6 +38,7 @@ class FullRuns:
         self._foretold = True
         begin = trial.clock()
         self._end, self._longer = begin + seconds, trial.whole / trial.seconds
+        self._checker = trial.pilot.method
         whole = replace(trial, commands=commands, seconds=trial.whole, horizon=trial.scene.duration)
         able = [row for row in rows if row.bare_time_per_s * whole.seconds <= _EXPECTED * seconds]
         for finest in sorted(able, key=lambda row: (row.error, row.time_per_s)):
@@ -73,30 +76,35 @@ class FullRuns:
         if self.checked_by is None:
             return None
         whole = self._whole
-        limit = self._end - whole.clock()
-        if row.bare_time_per_s * whole.seconds > limit:
+        if row.bare_time_per_s * whole.seconds > self._end - whole.clock():
             return None
-        # The row that others are compared with is itself compared with a finer run of its method.
+        # The row that others are compared with is itself compared with a run so accurate that its steps are shorter
+        # wherever they need to be: those of the same method with a finer setting may be the same, if commands end them.
         own = self.checked_by.solver == row.solver
-        solver = _finer(row) if own else row.as_solver
-        if solver is None:
+        for solver in _checkers(row, self._checker) if own else [row.as_solver]:
+            try:
+                run = whole.run(solver, whole.as_the_whole(), self._end - whole.clock())
+            except ConvergenceError:
+                if not own:
+                    return math.inf
+                continue
+            break
+        else:
             return None
-        try:
-            run = whole.run(solver, whole.as_the_whole(), limit)
-        except ConvergenceError:
-            return None if own else math.inf
         if run is None or whole.end is None:
             return None
         attitude, _, position = whole.differences(run.sample, whole.end)
         share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
-        return max(row.error, (1.0 + share) * whole.error(attitude, position))
+        trust = solver.accuracy or 0.0 if own else 0.0
+        return max(row.error, trust, (1.0 + share) * whole.error(attitude, position))
 
 
-def _finer(row: TradeRow) -> Solver | None:
-    """Return the method of `row` with a finer setting; None for a closed form, which has none."""
-    if row.step is not None:
-        return Solver(row.method, step=0.5 * row.step, accuracy=None)
-    return Solver(row.method, accuracy=_TIGHTER * row.accuracy) if row.accuracy is not None else None
+def _checkers(row: TradeRow, method: str) -> list[Solver]:
+    """Return solvers to check the end of `row` with, from fine to coarse; none for a closed form."""
+    if row.step is None and row.accuracy is None:
+        return []
+    finest = max(_TIGHTER * row.error, _TIGHTEST)
+    return [Solver(method, accuracy=factor * finest) for factor in _COARSER]
 
 
 def enough(rows: Sequence[TradeRow], target: float, trial: Excerpt, share: float) -> float | None:

@@ -58,6 +58,23 @@ def test_the_most_accurate_row_is_itself_checked_to_the_end(row: TradeRow) -> No
     assert recommend([row], 1e-9, None, whole.judge, 1.0) is None
 
 
+@pytest.mark.parametrize(
+    "row",
+    [replace(ROW, method="dverk"), replace(ROW, method="rk4", step=0.5, accuracy=None)],
+    ids=["by accuracy", "by step"],
+)
+def test_steps_that_commands_end_do_not_check_themselves(row: TradeRow) -> None:
+    """With commands every 0.05 s, coarse and finer settings take the same steps; before, the body hardly turns."""
+    torque = (0.6, 0.4, -0.2)
+    turning = [("wrench", Wrench((0.0, 0.0, 0.0), torque, "body", k * 50_000_000)) for k in range(20, 160)]
+    scene = parse_scene(SCENE.replace("[0.1, 2, 0.1]", "[0.001, 0.002, 0.001]"))
+    trial = trial_of(scene, turning, 0.01, Stopwatch(time.process_time, 0.0, None)).part(1.0).look()
+    whole = FullRuns(trial, turning, [row], 1e3)
+    ends = [simulate(replace(scene, solver=one), turning).sample for one in (row.as_solver, Solver(accuracy=1e-12))]
+    error = motions.attitude_error(ends[0].orientation_xyzw, ends[1].orientation_xyzw)
+    assert 1e-11 < error <= whole.judge(row).error
+
+
 def test_where_the_most_accurate_cannot_go_on_the_next_is_compared_with() -> None:
     """A closed form ends where a torque tilts the axis."""
     exact = replace(ROW, method="exact", accuracy=None, error=0.0)
