@@ -842,6 +842,7 @@ def _steps(
         channel=limits,
         far_ns=tuple(far.tolist()),
         moved_ns=tuple(moved.tolist()),
+        within_ns=0 if line.drift == 0.0 else round(1e9 * max(line.error_s, line.ends_s)),
     )
 
 

@@ -154,6 +154,7 @@ class RecordedWrench:
         weight: whether it is the weight by the scene, which goes with the mass that is given.
         far_ns: stamps that are left out because they are far from all the others.
         moved_ns: stamps that are as far, and not those at which the rows take effect: these follow the log times.
+        within_ns: how far off times may be that are taken from log times of another clock; 0 for those of one clock.
     """
 
     topic: str
@@ -170,6 +171,7 @@ class RecordedWrench:
     weight: bool = False
     far_ns: tuple[int, ...] = ()
     moved_ns: tuple[int, ...] = ()
+    within_ns: int = 0
 
     def faults(self, start_ns: int) -> list[str]:
         """Return what is wrong with the stamps, as text; times count from `start_ns`."""

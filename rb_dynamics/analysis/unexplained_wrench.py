@@ -9,7 +9,7 @@ it sees smaller changes, in a part of a long recording. Where impulses are not k
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,7 +28,17 @@ from rb_dynamics.analysis.identification.other_units import doubt_of_mass
 from rb_dynamics.analysis.identification.parameters import PLACES
 from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, largest, motion_blocks, shared
+from rb_dynamics.analysis.track import (
+    Array,
+    RecordedWrench,
+    Times,
+    TimeSeries,
+    Track,
+    in_blocks,
+    largest,
+    motion_blocks,
+    shared,
+)
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.loads.actuator import COMMAND
@@ -260,6 +270,8 @@ def residual(track: Track, bound: float) -> Residual | None:
     level = level if relative > bound else 0.0
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
+    beyond = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0)) if direct else np.inf
+    mistimed = not explained and _is_mistimed(shown, time_ns, turn, stretch, beyond)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -287,7 +299,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         recorded=track.acted,
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
-        untold=_untold(found, explained, level, scale < np.inf, caused, _actuated(track)),
+        untold=_untold(found, explained, level, scale < np.inf, caused, _actuated(track), mistimed),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),
@@ -313,8 +325,27 @@ def _actuated(track: Track) -> str:
     return ", ".join(name for name in bag.actuated if name.removesuffix(COMMAND) + APPLIED not in bag.topics)
 
 
+def _is_mistimed(track: Track, time_ns: Times, turn: _Pushed, stretch: Labels, left: float) -> bool:
+    """Return whether commands without stamps, logged by another clock, may be so late that they leave as much."""
+
+    def late(wrenches: Sequence[RecordedWrench]) -> tuple[RecordedWrench, ...]:
+        return tuple(replace(each, time_ns=each.time_ns + each.within_ns) for each in wrenches)
+
+    if not any(each.within_ns for each in track.wrenches):
+        return False
+    by_scene = None if track.by_scene is None else late(track.by_scene)
+    shifted = _Pushed.of(replace(track, wrenches=late(track.wrenches), by_scene=by_scene), "torque", time_ns)
+    return left <= _rms(centred(shifted.sums - turn.sums, stretch))
+
+
 def _untold(
-    found: InertiaScore | None, explained: bool, noise: float, turned: bool, caused: bool, actuated: str
+    found: InertiaScore | None,
+    explained: bool,
+    noise: float,
+    turned: bool,
+    caused: bool,
+    actuated: str,
+    mistimed: bool,
 ) -> str:
     """Return why nothing can be said.
 
@@ -325,6 +356,7 @@ def _untold(
         turned: whether the body turned, or a torque acted.
         caused: whether a cause is found of what is not explained.
         actuated: commands to actuators whose wrenches are not recorded.
+        mistimed: whether commands without stamps may be so late that they leave as much.
     """
     if explained:
         if found is None:
@@ -334,6 +366,11 @@ def _untold(
         return "the noise of the recording hides it" if noise > 0.0 else _SAME_MOTION
     if actuated:
         return f"{actuated} may command actuators, and what these did to the body is not recorded"
+    if mistimed:
+        return (
+            "the commands have no stamps and were logged by another clock, and the error of their times would explain "
+            "what is left as well"
+        )
     if found is None:
         return "" if caused else SHORT
     if found.late:

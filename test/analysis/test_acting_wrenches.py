@@ -173,9 +173,9 @@ def test_commands_without_stamps_follow_log_times_of_another_rate_or_are_not_jud
         for m in open_source(flown(tmp_path, "wrenches: [{topic: wrench}]", COMMANDS)).messages()
     ]
 
-    def logged(path: str, at: Callable[[int], int]) -> Path:
+    def logged(path: str, at: Callable[[int], int], commands_at: Callable[[int], int] | None = None) -> Path:
         plain = [
-            (topic, "geometry_msgs/msg/Wrench", at(time_ns), data[:4] + data[-48:])
+            (topic, "geometry_msgs/msg/Wrench", (commands_at or at)(time_ns), data[:4] + data[-48:])
             if kind == STAMPED
             else (topic, kind, at(time_ns), data)
             for topic, kind, time_ns, data in rows
@@ -187,6 +187,15 @@ def test_commands_without_stamps_follow_log_times_of_another_rate_or_are_not_jud
     assert found.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
     part = inspect(logged("half.mcap", lambda at: 10**18 + 2 * at), scene, window_s=(2.0, 5.0))
     assert part.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
+    random = np.random.default_rng(6)
+
+    def fast(at: int) -> int:
+        return 10**18 + round(1.003 * at)
+
+    late = inspect(logged("late.mcap", lambda at: fast(at) + int(random.integers(2_000_000)), fast), scene)
+    (judged,) = (each for each in late.summary.checks if each.name == "inertia explains the motion")
+    assert (judged.judged, judged.passed) == (False, True)
+    assert "the commands have no stamps and were logged by another clock" in judged.detail
     for zero_ns, till in ((0, 3.0), (10**18, 3.0), (10**18, 7.9)):
         jumps = logged(
             "jumps.mcap", lambda at, begin=zero_ns, till=till: begin + at + 5 * SECOND * (at > till * SECOND)
