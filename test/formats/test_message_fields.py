@@ -7,7 +7,6 @@ import struct
 from pathlib import Path
 
 import pytest
-from mcap.writer import Writer
 
 from rb_dynamics.conversion.convert import to_table
 from rb_dynamics.errors import LogError
@@ -18,6 +17,10 @@ from rb_dynamics.formats.message_definitions import TYPE_HASHES, schema_text
 from rb_dynamics.formats.message_fields import differ, is_other
 from rb_dynamics.formats.message_types import POSE
 from rb_dynamics.logs.bag_reader import read_bag
+
+pytest.importorskip("mcap")
+
+from mcap.writer import Writer
 
 STATE = "my_msgs/msg/State"
 

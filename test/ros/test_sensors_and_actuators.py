@@ -37,6 +37,8 @@ def test_a_controller_that_hears_sensors_alone_closes_the_loop(tmp_path: Path, p
     scene.write_text(SCENE)
     with running(scene, lockstep=True, mcap=log) as node:
         tracker, imu = peer.listen(QuaternionStamped, "tracker"), peer.listen(Imu, "imu")
+        # The node may find these readers later, and what it sends before is lost; until a command comes, it sends none.
+        peer.spin(1.0)
         peer.wrench(stamp_ns=25_000_000)
         answered = 0
         while node.process.poll() is None and answered < 49:
