@@ -94,9 +94,12 @@ class FullRuns:
         if run is None or whole.end is None:
             return None
         attitude, _, position = whole.differences(run.sample, whole.end)
+        error = whole.error(attitude, position)
+        if own:
+            # Where the motion amplifies errors, it does those of both runs.
+            return max(row.error, (1.0 + _TIGHTER) * error + (solver.accuracy or 0.0))
         share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
-        trust = solver.accuracy or 0.0 if own else 0.0
-        return max(row.error, trust, (1.0 + share) * whole.error(attitude, position))
+        return max(row.error, (1.0 + share) * error)
 
 
 def _checkers(row: TradeRow, method: str) -> list[Solver]:
