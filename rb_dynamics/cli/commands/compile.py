@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -75,11 +76,17 @@ def _build(kernel: OnDemand) -> bool:
         kernel.build(tally)
     except (ImportError, RuntimeError) as error:
         keep_failure(kernel.name, str(error))
-        print(f"{kernel.name:34} {error}", flush=True)
+        _tell(f"{kernel.name:34} {error}")
         return False
     done = "was there" if known or not tally.built else f"{tally.built[kernel.name]:.1f} s"
-    print(f"{kernel.name:34} {done}", flush=True)
+    _tell(f"{kernel.name:34} {done}")
     return True
+
+
+def _tell(line: str) -> None:
+    # In one piece: to an unbuffered stream print writes the end of a line apart, and other processes write there, too.
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 def _ordered(kernels: dict[str, OnDemand], orders: Iterable[tuple[str, str]]) -> Iterator[str]:
