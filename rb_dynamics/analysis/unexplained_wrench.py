@@ -270,8 +270,8 @@ def residual(track: Track, bound: float) -> Residual | None:
     level = level if relative > bound else 0.0
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
-    beyond = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0)) if direct else np.inf
-    mistimed = not explained and _is_mistimed(shown, time_ns, turn, stretch, beyond)
+    beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
+    mistimed = direct and not explained and _is_mistimed(track, time_ns, turn, stretch, beyond_noise)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -326,7 +326,7 @@ def _actuated(track: Track) -> str:
 
 
 def _is_mistimed(track: Track, time_ns: Times, turn: _Pushed, stretch: Labels, left: float) -> bool:
-    """Return whether commands without stamps, logged by another clock, may be so late that they leave as much."""
+    """Return whether commands without stamps that another clock logged may be so late that as much is left."""
 
     def late(wrenches: Sequence[RecordedWrench]) -> tuple[RecordedWrench, ...]:
         return tuple(replace(each, time_ns=each.time_ns + each.within_ns) for each in wrenches)
@@ -356,7 +356,7 @@ def _untold(
         turned: whether the body turned, or a torque acted.
         caused: whether a cause is found of what is not explained.
         actuated: commands to actuators whose wrenches are not recorded.
-        mistimed: whether commands without stamps may be so late that they leave as much.
+        mistimed: whether commands without stamps may be so late that as much is left.
     """
     if explained:
         if found is None:

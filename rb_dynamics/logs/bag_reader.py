@@ -254,8 +254,7 @@ def _line_of(bag: Bag, commands: Topic) -> ClockLine:
 def named_type(channel: McapChannel) -> str:
     """Return "pkg/msg/Type", for the older "pkg/Type" too.
 
-    If not CDR, with its encoding, and if its definition is another than that of the type, with that, so that it fits
-    no type.
+    A type that is not CDR, or that the bag defines with other fields, gets a prefix, so that it is no known type.
     """
     type_name = channel.type_name
     if channel.encoding != "cdr":

@@ -376,7 +376,7 @@ _TOO_FAST = (
     "it is too strong, as near a centre of gravity into which the body falls; correct it, or accept a larger "
     "solver.accuracy"
 )
-# The errors of such a step are then as long as the way, however short the step.
+# However short such a step, its error is as large as the distance it covers.
 _LOW_ORDER = (
     "a body that starts from rest needs a method of higher order, such as auto, where its load changes gradually, and "
     "for euler under any load; or "

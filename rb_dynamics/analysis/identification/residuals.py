@@ -37,8 +37,8 @@ class Fit(NamedTuple):
             from a single start.
         profile: of joined segments, -2 times the logarithm of the likelihood of other parameters.
         joined: the fit of joined segments, if it is likelier than the one from a single start.
-        robust: of a robust loss, gives for what other parameters leave -2 times the logarithm of the likelihood, and
-            residuals over the errors of the loss that it would have as least squares; None of least squares.
+        robust: of a robust loss, returns for residuals of other parameters -2 times the logarithm of the likelihood,
+            and equivalent residuals of least squares; None of least squares.
     """
 
     z: Array

@@ -71,7 +71,8 @@ class FullRuns:
     def _measured(self, row: TradeRow) -> float | None:
         """Return the error of `row` at the end of the scene, infinite if it is refused there; None if unknown.
 
-        The run it is compared with has an error too: its share of the row's error is taken from the excerpt, at most 1.
+        The run it is compared with has an error too, by its accuracy or by the excerpt: it may be this share of the
+        row's, at most 1, at the end as well.
         """
         if self.checked_by is None:
             return None
@@ -94,12 +95,9 @@ class FullRuns:
         if run is None or whole.end is None:
             return None
         attitude, _, position = whole.differences(run.sample, whole.end)
-        error = whole.error(attitude, position)
-        if own:
-            # Where the motion amplifies errors, it does those of both runs.
-            return max(row.error, (1.0 + _TIGHTER) * error + (solver.accuracy or 0.0))
-        share = min(1.0, self.checked_by.error / row.error) if row.error > 0.0 else 1.0
-        return max(row.error, (1.0 + share) * error)
+        other = (solver.accuracy or 0.0) if own else self.checked_by.error
+        share = min(1.0, other / row.error) if row.error > 0.0 else 1.0
+        return max(row.error, other, (1.0 + share) * whole.error(attitude, position))
 
 
 def _checkers(row: TradeRow, method: str) -> list[Solver]:
