@@ -54,7 +54,9 @@ class _Commands(NamedTuple):
         fx, fy, fz, tx, ty, tz = self.wrench[row].tolist()
         frame_id = self.frame_ids[int(self.frame[row])]
         command = Wrench((fx, fy, fz), (tx, ty, tz), frame_id, int(self.stamp_ns[row]))
-        if (data := self.messages(np.array([row]))[0]) is not None:
+        # Where its stamp in the run is another, a message of its own has that.
+        if self.stamps is not None and self.stamp_ns[row] == self.stamps[row]:
+            data = self.block.data[self.block.begins[row] : self.block.ends[row]].tobytes()
             object.__setattr__(command, "message", data)
         return command
 

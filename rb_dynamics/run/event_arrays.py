@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -44,23 +44,25 @@ class EventArrays(NamedTuple):
 
     def events(self) -> Iterator[tuple[int, Sample | AppliedWrench]]:
         """Yield each event as a run edge by edge would write it, with its index in `order`."""
-        samples = one_by_one(self.samples)
+        samples, changes = one_by_one(self.samples), self.all_changes()
         for number in self.order.tolist():
-            yield number, next(samples) if number < self.taken else self.change(number - self.taken)
-
-    def all_changes(self) -> Iterator[AppliedWrench]:
-        """Yield the changes."""
-        return map(self.change, range(len(self.changes.time_ns)))
+            yield number, next(samples) if number < self.taken else next(changes)
 
     def change(self, i: int) -> AppliedWrench:
         """Return change i."""
+        return next(self.all_changes(slice(i, i + 1)))
+
+    def all_changes(self, rows: slice = slice(None), *, with_commands: bool = True) -> Iterator[AppliedWrench]:
+        """Yield the changes in these rows; to find the commands as received takes time, so they can be left out."""
         changes = self.changes
-        row, (fx, fy, fz, tx, ty, tz) = int(changes.row[i]), changes.wrench[i].tolist()
-        received = changes.came.received(row) if row >= 0 else None
-        frame = changes.frames[int(changes.in_world[i])]
-        topic = changes.topics[int(changes.channel[i])]
-        applied = AppliedWrench(int(changes.time_ns[i]), topic, received, frame, (fx, fy, fz), (tx, ty, tz))
-        return applied if received is not None else replace(applied, timed_out=True)
+        columns: list[list[Any]] = [
+            column[rows].tolist()
+            for column in (changes.time_ns, changes.channel, changes.in_world, changes.row, changes.wrench)
+        ]
+        for time_ns, channel, in_world, row, (fx, fy, fz, tx, ty, tz) in zip(*columns, strict=True):
+            received = changes.came.received(row) if with_commands and row >= 0 else None
+            topic, frame, wrench = changes.topics[channel], changes.frames[in_world], ((fx, fy, fz), (tx, ty, tz))
+            yield AppliedWrench(time_ns, topic, received, frame, *wrench, timed_out=row < 0)
 
 
 def chosen(samples: Sample, rows: slice | Whole) -> Sample:

@@ -290,10 +290,10 @@ class Recorder:
         # At the time of the last sample before a change, the wrench may change.
         is_last = ~is_change & np.append(is_change[1:], True)
         last_ones = one_by_one(chosen(block.samples, block.order[is_last]))
-        first = 0
+        changes, first = block.all_changes(with_commands=False), 0
         for number in block.order[is_change | is_last].tolist():
             if number >= block.taken:
-                self.take(block.change(number - block.taken))
+                self.take(next(changes))
                 continue
             while first < number:
                 until = min(first + self.batch_rows, number)

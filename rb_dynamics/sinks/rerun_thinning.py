@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import AppliedWrench
-from rb_dynamics.numerics.vector import ZERO, Vector
+from rb_dynamics.numerics.vector import ZERO, Vector, add
 from rb_dynamics.run.event_arrays import chosen, stacked
 from rb_dynamics.run.sample import Sample
 
@@ -186,11 +186,11 @@ class WrenchHistory:
         return sum(len(steps.changes) for steps in self.parts.values())
 
     def _total(self) -> HeldWrench:
-        total = HeldWrench()
+        sums: dict[str, Vector] = {}
         for part, steps in self.parts.items():
-            axes = "world" if part.frame_id == self._world_frame else "body"
-            total += HeldWrench(**{f"{part.kind}_{axes}": steps.value})
-        return total
+            name = f"{part.kind}_{'world' if part.frame_id == self._world_frame else 'body'}"
+            sums[name] = add(sums.get(name, ZERO), steps.value)
+        return HeldWrench(**sums)
 
 
 @dataclass(frozen=True)
