@@ -15,7 +15,7 @@ import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,19 +173,73 @@ def solid(vertices: Points, faces: Faces) -> Solid:
     reference = points.mean(axis=0)
     # A power of two: an exact change of unit, after which cubes and fifth powers of any length are in range.
     unit = 2.0 ** math.frexp(float(np.abs(points - reference).max()))[1]
-    local = (points - reference) / unit
-    volume = _volume(local, triangles)
+    parts = _parts(triangles, len(points))
+    found = [_part(points, part, unit) for part in parts]
+    volumes = [part.volume for part in found]
+    volume = math.fsum(volumes)
     if volume < 0.0:
         turned = solid(points, triangles[:, ::-1])
         return replace(turned, inside_out=True)
-    unchecked = _check_parts(local, triangles, points)
-    rest = _first_moment(local, triangles) / volume
-    about_center = local - rest
-    moments = _second_moments(about_center, triangles) / volume * unit**2
-    x, y, z = (float(c) for c in reference + rest * unit)
-    found = inertia_from_second_moments(lambda i, j: float(moments[i, j]))
-    reach = float(np.sqrt((about_center**2).sum(axis=1)).max()) * unit
-    return Solid(volume * unit**3, (x, y, z), found, reach, unchecked=unchecked)
+    unchecked = _check_parts((points - reference) / unit, triangles, parts, volumes, points)
+    first = found[0].center
+    arms = [(part.volume, (part.center - first) / unit) for part in found]
+    rest = np.array([math.fsum(share * arm[i] for share, arm in arms) for i in range(3)]) / volume
+    moments = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            about_center = (share * (arm[i] - rest[i]) * (arm[j] - rest[j]) for share, arm in arms)
+            own = (part.second_moments[i, j] for part in found)
+            moments[i, j] = math.fsum((*own, *about_center)) / volume * unit**2
+    center = first + rest * unit
+    x, y, z = center.tolist()
+    inertia = inertia_from_second_moments(lambda i, j: float(moments[i, j]))
+    reach = float(np.sqrt((((points - center) / unit) ** 2).sum(axis=1)).max()) * unit
+    return Solid(volume * unit**3, (x, y, z), inertia, reach, unchecked=unchecked)
+
+
+class _Part(NamedTuple):
+    """A part of a solid: its volume and second moments in powers of a unit, and its centre of mass (m)."""
+
+    volume: float
+    center: Points
+    second_moments: Points
+
+
+def _part(points: Points, triangles: Faces, unit: float) -> _Part:
+    """Return a part by itself: about another part far away, a small one would lose digits as the cube of the distance.
+
+    Raises:
+        BodyError: it encloses no volume.
+    """
+    used, index = np.unique(triangles, return_inverse=True)
+    reference, own = points[used].mean(axis=0), index.reshape(triangles.shape)
+    local = (points[used] - reference) / unit
+    volume = _volume(local, own)
+    rest = _first_moment(local, own) / volume
+    return _Part(volume, reference + rest * unit, _second_moments(local - rest, own))
+
+
+def _parts(triangles: Faces, points: int) -> list[Faces]:
+    """Return the triangles of each part that is connected by its corners.
+
+    Raises:
+        BodyError: there are more than `MAX_PARTS`.
+    """
+    # scipy is slow to import, and a mesh is read by few.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(points, points))
+    count, part_of_point = connected_components(graph, directed=False)
+    if count > MAX_PARTS:
+        raise BodyError(
+            f"found a mesh of {count} separate parts, expected at most {MAX_PARTS}; merge vertices that nearly meet, "
+            "or leave out small parts"
+        )
+    part_of_triangle = part_of_point[triangles[:, 0]]
+    order = np.argsort(part_of_triangle, kind="stable")
+    return np.split(triangles[order], np.flatnonzero(np.diff(part_of_triangle[order])) + 1)
 
 
 def _merged(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
@@ -249,28 +303,17 @@ def _check_closed(points: Points, triangles: Faces) -> None:
             )
 
 
-def _check_parts(points: Points, triangles: Faces, named: Points) -> bool:
+def _check_parts(points: Points, triangles: Faces, parts: list[Faces], volumes: list[float], named: Points) -> bool:
     """Raise where the surface crosses itself, a part lies inside another and is not a hole, or is a hole in nothing.
 
     Each would count wrongly. `named` are the points as the file has them. Returns whether a crossing may have been
     missed, because there are too many places to look at.
     """
-    # scipy is slow to import, and a mesh is read by few.
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    count, part_of_point = connected_components(graph, directed=False)
-    if count > MAX_PARTS:
-        raise BodyError(
-            f"found a mesh of {count} separate parts, expected at most {MAX_PARTS}; merge vertices that nearly meet, "
-            "or leave out small parts"
-        )
+    count = len(parts)
     inwards = _inwards(points, triangles)
     crossing, complete = _crossing(points, inwards, triangles)
     if crossing:
-        first, other = sorted(part_of_point[list(crossing)])
+        first, other = sorted(next(k for k, part in enumerate(parts) if (part == at).any()) for at in crossing)
         which = "the surface" if count == 1 else f"part {first + 1} of the {count} parts"
         place = [float(f"{c:.6g}") for c in named[crossing[0]]]
         raise BodyError(
@@ -280,16 +323,12 @@ def _check_parts(points: Points, triangles: Faces, named: Points) -> bool:
         )
     if count == 1:
         return not complete
-    part_of_triangle = part_of_point[triangles[:, 0]]
-    order = np.argsort(part_of_triangle, kind="stable")
-    parts = np.split(triangles[order], np.flatnonzero(np.diff(part_of_triangle[order])) + 1)
     corners = [points[part.reshape(-1)] for part in parts]
     lows, highs = (np.array([function(c, axis=0) for c in corners]) for function in (np.min, np.max))
-    for part, own in enumerate(parts):
+    for part, (own, volume) in enumerate(zip(parts, volumes, strict=True)):
         around = (lows <= highs[part]).all(axis=1) & (lows[part] <= highs).all(axis=1)
         around[part] = False
         inner = points[own[0, 0]] + _DEEP * inwards[own[0, 0]]
-        volume = _volume(points, own)
         inside = math.fsum(_winding(inner, points, parts[other]) for other in np.flatnonzero(around))
         if round(inside) != (0 if volume > 0.0 else 1):
             what = "lies inside another part, oriented as it is" if volume > 0.0 else "is oriented inwards"

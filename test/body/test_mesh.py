@@ -171,7 +171,7 @@ def test_parts_beside_each_other_add_up() -> None:
 
 @given(st.tuples(lengths, lengths, lengths), st.tuples(lengths, lengths, lengths))
 def test_unlike_parts_add_up_about_their_common_centre(first: Any, second: Any) -> None:
-    """The mean of the vertices is not the centre of mass here; small parts far from it lose some digits."""
+    """The mean of the vertices is not the centre of mass here."""
     places = np.array([[-20.0, 3.0, -5.0], [20.0, 1.0, 2.0]])
     shares = np.array([np.prod(first), np.prod(second)]) / (np.prod(first) + np.prod(second))
     center = shares @ places
@@ -183,8 +183,24 @@ def test_unlike_parts_add_up_about_their_common_centre(first: Any, second: Any) 
 
     solid = mesh.solid(*joined(box(first, places[0]), box(second, places[1])))
 
-    np.testing.assert_allclose(solid.center_of_mass, center, atol=1e-10)
-    np.testing.assert_allclose(solid.squared_gyration, expected, atol=1e-10 * np.trace(expected))
+    np.testing.assert_allclose(solid.center_of_mass, center, atol=1e-13)
+    np.testing.assert_allclose(solid.squared_gyration, expected, atol=1e-14 * np.trace(expected))
+
+
+@pytest.mark.parametrize("apart", [1e3, 1e5, 1e7])
+def test_small_parts_far_from_each_other_keep_their_digits(apart: float) -> None:
+    """Boxes whose corners are exact; the second moments of the arms are the whole."""
+    sizes, places = ((0.5, 1.0, 0.25), (1.0, 0.5, 2.0)), ((-apart, 0.0, 0.0), (apart, 2.0, -1.0))
+
+    solid = mesh.solid(*joined(*(box(size, place) for size, place in zip(sizes, places, strict=True))))
+
+    masses = [math.prod(size) for size in sizes]
+    arm = np.subtract(places[1], places[0])
+    expected = masses[0] * masses[1] / sum(masses) ** 2 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    for mass, size in zip(masses, sizes, strict=True):
+        expected += mass / sum(masses) * np.diag(shapes.box(size).squared_gyration)
+    assert solid.volume == pytest.approx(sum(masses), rel=1e-14)
+    np.testing.assert_allclose(solid.squared_gyration, expected, rtol=1e-14, atol=1e-14 * expected[1, 1])
 
 
 @given(st.integers(0, 2**32 - 1), st.tuples(*[st.floats(0.1, 0.9)] * 2), st.sampled_from([np.float32, np.float64]))

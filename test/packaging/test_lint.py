@@ -83,11 +83,11 @@ def test_changelog_is_one_that_bloom_reads_after_a_release(root: Path) -> None:
     changelog = pytest.importorskip("catkin_pkg.changelog", reason="extra 'test' is not installed")
     text = (root / "CHANGELOG.rst").read_text("utf-8")
     assert "\nForthcoming\n-----------\n" in text
-    released = text.replace("Forthcoming\n-----------", "0.11.0 (2026-01-31)\n------------------", 1)
+    released = text.replace("Forthcoming\n-----------", "0.12.0 (2026-01-31)\n------------------", 1)
 
     read = changelog.populate_changelog_from_rst(changelog.Changelog("rb_dynamics"), released)
 
-    first, changes = read.get_content_of_version("0.11.0")
+    first, changes = read.get_content_of_version("0.12.0")
     assert str(first).startswith("First version.")
     assert len(changes.bullets) > 10
 
