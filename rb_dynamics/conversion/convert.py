@@ -370,7 +370,7 @@ def log_to_rerun(
     applied = {names[name + APPLIED]: name for name in acting(scene)}
     count, span = 0, found.span(window_s)
     with renamed(target) as new:
-        sink = RerunSink(new)
+        sink = RerunSink(new, called=target)
         sink.open(RunInfo(scene, facts.get("method", ""), facts))
         try:
             columns = row_columns(scene, names)

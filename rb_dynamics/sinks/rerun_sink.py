@@ -124,10 +124,15 @@ class RerunSink:
         max_rows: int = MAX_ROWS,
         batch_rows: int = BATCH_ROWS,
         follow_s: float = FOLLOW_S,
+        called: Path | None = None,
     ) -> None:
-        """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`."""
+        """Say where to write; folders above it are made, an earlier file is replaced, nothing happens before `open`.
+
+        `called` is the name in messages of a file that will be renamed.
+        """
         self.address = viewer_address(os.fspath(path))
         self.path = Path(path)
+        self._called = called or self.path
         self._max_rows = max_rows
         self._batch_rows, self._follow_s = batch_rows, follow_s
         self._recorder: Recorder | None = None
@@ -145,7 +150,7 @@ class RerunSink:
             self.address = started_viewer()
         elif self.address:
             require_viewer(self.address)
-        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address, self._follow_s)
+        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address, self._follow_s, self._called)
         with recorder.writing(), sending_to(recorder.address):
             recorder.begin()
         self._recorder = recorder
@@ -197,9 +202,10 @@ class Recorder:
         batch_rows: int,
         address: str = "",
         follow_s: float = FOLLOW_S,
+        called: Path | None = None,
     ) -> None:
         scene = run.scene
-        self.path, self.address = path, address
+        self.path, self.called, self.address = path, called or path, address
         self.file: RerunFile | None = None
         self.run = run
         self.batch_rows, self.follow_s = batch_rows, follow_s
@@ -241,7 +247,7 @@ class Recorder:
         else:
             self.file = RerunFile(self.stream, self.path, layout_at_start)
         if not rr.is_enabled(self.stream):
-            raise LogError(f"{self.path}: Rerun is switched off by the environment variable RERUN; unset it to log")
+            raise LogError(f"{self.called}: Rerun is switched off by the environment variable RERUN; unset it to log")
         self.stream.send_recording_name(Path(self.run.scene.source).name)
         for entity, looks in style.fixed_looks(self.run.scene, self.half_sizes, self.size):
             self.stream.log(entity, *looks, static=True)
@@ -354,7 +360,7 @@ class Recorder:
             yield
         except (RuntimeError, OSError) as error:
             raise LogError(
-                f"{self.path}: cannot be written ({error}); give a path that you may write to, on a disk with room"
+                f"{self.called}: cannot be written ({error}); give a path that you may write to, on a disk with room"
             ) from error
 
     def _blueprint(self, duration: float | None) -> rrb.Blueprint:
