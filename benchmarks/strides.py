@@ -5,7 +5,7 @@ Processor time, in plain Python unless RB_DYNAMICS_COMPILE says otherwise; compi
 Usage: python benchmarks/strides.py
 
 For each kind of load and each accuracy, prints the methods in order of the time for two seconds of motion, with the
-number of strides and the time per stride; finally the cost of a stride in units of one of rk4, as listed in
+number of strides and the time per stride; finally the cost of a stride in units of one of dverk, as listed in
 `rb_dynamics/motion/auto_method.py`.
 """
 
@@ -75,11 +75,11 @@ def main() -> None:
             print(f"\n{takes.name}, accuracy {accuracy:g}")
             for seconds, strides, name in sorted(rows):
                 print(f"  {name:10} {seconds * 1e3:9.2f} ms  {strides:6d} strides of {seconds / strides * 1e6:7.0f} us")
-            unit = next(seconds / strides for seconds, strides, name in rows if name == "rk4")
+            unit = next(seconds / strides for seconds, strides, name in rows if name == "dverk")
             for seconds, strides, name in rows:
                 if name in prices:
                     prices[name].append(seconds / strides / unit)
-    print("\nprice of a stride, in units of one of rk4 (median), and as auto has it")
+    print("\nprice of a stride, in units of one of dverk (median), and as auto has it")
     for name, found in prices.items():
         print(f"  {name:10} {statistics.median(found):6.2f} {COST_OF_A_STEP[name]:6.2f}")
 

@@ -116,6 +116,7 @@ class Arcs(NamedTuple):
         accuracy: the accuracy that a closed form must reach in spite of rounding.
         length_ns: length of the arc before the present one; 0 if there was none.
         expected_ns: length of the present arc if the two before were equally long; 0 if not.
+        costs_least: whether no method of `auto` has a stride that costs less than that of `driven_by`.
     """
 
     history: RoundingHistory
@@ -126,6 +127,7 @@ class Arcs(NamedTuple):
     accuracy: float
     length_ns: int
     expected_ns: int
+    costs_least: bool = False
 
 
 class Propagated(NamedTuple):
@@ -252,6 +254,7 @@ def _whole_numbers(arc_state: ArcState, arcs: Arcs, grid: StepControl, closed: b
     w[layout.CHOOSE_AFTER], w[layout.CLOSED], w[layout.MAY_CLOSE] = arc_state.choose_after, closed, arcs.may_close
     w[layout.DRIVEN_ARCS], w[layout.BUDGET] = arcs.driven, 10 * LONGEST_STRETCH
     w[layout.BEFORE], w[layout.EXPECTED] = arc_state.start_ns - arcs.length_ns, arcs.expected_ns
+    w[layout.COSTS_LEAST] = arcs.costs_least
     return w
 
 

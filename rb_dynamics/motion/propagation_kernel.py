@@ -64,10 +64,11 @@ NUMBERS = ROOM + CONSTANTS + PHASE
 # arcs that were not in closed form. BEFORE: start of the arc before. EXPECTED: length (ns) of the arc if the two before
 # were equally long, otherwise 0. BUDGET: number of strides that may still be taken.
 # EDGES, CHANGES: numbers that have been passed. STEPS: number of steps of the arcs that have ended. STEPS_HERE: number
-# of steps to the last edge. BY_METHOD, BY_CLOSED_FORM: whether one led there. _AT: time of the next edge.
+# of steps to the last edge. BY_METHOD, BY_CLOSED_FORM: whether one led there. COSTS_LEAST: whether no stride of another
+# method costs less. _AT: time of the next edge.
 START, REACHED, STRIDES, STRIDE, DENOMINATOR, LENGTH, PARTS, CHOOSE_AFTER, CLOSED, MAY_CLOSE = range(10)
 DRIVEN_ARCS, BEFORE, EXPECTED, BUDGET, EDGES, CHANGES, STEPS, STEPS_HERE = range(10, 18)
-BY_METHOD, BY_CLOSED_FORM, _AT, WHOLE = range(18, 22)
+BY_METHOD, BY_CLOSED_FORM, COSTS_LEAST, _AT, WHOLE = range(18, 23)
 
 
 def propagate(
@@ -116,7 +117,7 @@ def propagate(
                 and not has_effects(f)
                 and closed_form.has_closed_form(following, here.orientation, here.angular_velocity)
             )
-            if w[MAY_CLOSE] != 0 and not closed and driven & (driven - 1) == 0:
+            if w[MAY_CLOSE] != 0 and not closed and driven & (driven - 1) == 0 and not _is_best(f, w):
                 return CHOOSE
         w[BY_METHOD if w[CLOSED] == 0 else BY_CLOSED_FORM] = 1
         if kind & OUTPUT:
@@ -128,6 +129,11 @@ def propagate(
             _begin_arc(f, w, here, held[k], driven, closed)
         w[EDGES] += 1
     return DONE
+
+
+def _is_best(f: Numbers, w: Whole) -> bool:
+    """As `Plan._is_best`."""
+    return bool(w[COSTS_LEAST] != 0 and f[GRID_POINT + PHASE] >= (w[_AT] - w[START]) * 1e-9)
 
 
 def _begin_arc(f: Numbers, w: Whole, here: PhaseState, held: Numbers, driven: int, closed: bool) -> None:

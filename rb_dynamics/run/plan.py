@@ -15,7 +15,7 @@ from rb_dynamics.loads.varying_load import LoadDependence
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.motion import METHODS, Method, array_steps
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, LoadScales, OfPhase, Stepper
-from rb_dynamics.motion.auto_method import CANDIDATES, cheapest
+from rb_dynamics.motion.auto_method import CANDIDATES, cheapest, costs_least
 from rb_dynamics.motion.closed_form import EXACT, has_closed_form, is_free
 from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.motion.method import stable_until
@@ -208,6 +208,9 @@ class Plan:
             return None
         accuracy = self._accuracy if auto and self._ends else math.inf
         behind = self._behind(driven_by, auto or closed, accuracy)
+        if auto and driven_by is not None and driven_by is self._choice.chosen:
+            by_accuracy = isinstance(driven_by[1], AccuracyControl)
+            behind = behind._replace(costs_least=by_accuracy and costs_least(driven_by[0], self.takes))
         propagated = propagate(self._inertia, arc_state, behind, edges, scales.numbers)
         if propagated is None:
             return None
@@ -250,11 +253,21 @@ class Plan:
             if not self._driven:
                 return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
             # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice adapts to the scene at little cost.
-            if choice.driven_arcs & (choice.driven_arcs - 1) == 0:
+            if choice.driven_arcs & (choice.driven_arcs - 1) == 0 and not self._is_best(choice):
                 choice.chosen = self._cheapest(phase, stepper)
         if choice.chosen is None:
             raise TypeError("a method with a name has been chosen at the start")
         return choice.chosen
+
+    def _is_best(self, choice: _Choice) -> bool:
+        """Return whether no method could be cheaper: one of the lowest price takes an arc as long as the last at once.
+
+        The kernel of propagation has the same rule.
+        """
+        if choice.chosen is None or not costs_least(choice.chosen[0], self.takes):
+            return False
+        control = choice.chosen[1]
+        return isinstance(control, AccuracyControl) and control.learnt.step >= choice.length_ns * 1e-9 > 0.0
 
     def _cheapest(self, phase: PhaseState, stepper: Callable[[Method], Stepper]) -> tuple[Method, StepControl]:
         # The length of an arc is unknown; the last one is the best guess, and initially the whole run. An arc that has

@@ -150,7 +150,9 @@ class RerunSink:
             self.address = started_viewer()
         elif self.address:
             require_viewer(self.address)
-        recorder = Recorder(self.path, run, self._max_rows, self._batch_rows, self.address, self._follow_s, self._called)
+        recorder = Recorder(
+            self.path, run, self._max_rows, self._batch_rows, self.address, self._follow_s, self._called
+        )
         with recorder.writing(), sending_to(recorder.address):
             recorder.begin()
         self._recorder = recorder

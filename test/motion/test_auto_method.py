@@ -101,7 +101,7 @@ class TestChoice:
         case = forced()
         start, held = PhaseState.of(case.body, case.initial), in_principal_axes(case.body, case.held)
         inertia = inertia_of(case.body)
-        methods = (METHODS["taylor"], METHODS["rk4"])
+        methods = (METHODS["taylor"], METHODS["dverk"])
 
         def control_for(method: object) -> StepControl:
             return Plan(case.scene(Solver(method.name, accuracy=1e-6), 10.0)).arc(held, 0, start, None)._control
@@ -112,7 +112,7 @@ class TestChoice:
         long, _ = cheapest(methods, control_for, advance_with, start, 10.0, 10.0)
         short, control = cheapest(methods, control_for, advance_with, start, 1e-6, 10.0)
         assert long.name == "taylor"
-        assert short.name == min(("taylor", "rk4"), key=COST_OF_A_STEP.__getitem__)
+        assert short.name == min(("taylor", "dverk"), key=COST_OF_A_STEP.__getitem__)
         assert longest_stride(control, advance_with(short), start) > 1e-6
 
     def test_a_candidate_that_cannot_keep_the_accuracy_is_left_out(self) -> None:
@@ -165,6 +165,33 @@ def test_commands_of_one_time_may_come_one_by_one() -> None:
     assert apart.methods == together.method
 
 
+@pytest.mark.parametrize("outputs", [0, 200])
+def test_the_cheapest_strides_are_kept_while_one_takes_a_whole_arc(
+    outputs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Edge by edge, and by the kernel: it is not chosen again after 2, 4, 8 ... arcs, but where these are longer."""
+    chosen = []
+
+    def counted(*arguments: object) -> tuple[Method, StepControl]:
+        chosen.append(cheapest(*arguments))
+        return chosen[-1]
+
+    monkeypatch.setattr("rb_dynamics.run.plan.cheapest", counted)
+    scene = parse_scene(f"{DRIVEN}solver: {{accuracy: 1.0e-8}}", overrides={"output_rate": outputs})
+
+    def fly(apart_ns: int, count: int) -> int:
+        chosen.clear()
+        times_ns = [apart_ns * k for k in range(count)]
+        simulate(
+            scene, [("a", Wrench(torque=(0.1, 0.05, -0.02 * (k % 7)), stamp_ns=t)) for k, t in enumerate(times_ns)]
+        )
+        return len(chosen)
+
+    assert fly(10_000_000, 100) == 2
+    assert chosen[-1][0].name == "dverk"
+    assert fly(250_000_000, 20) == 6
+
+
 ORBIT = """
 body: {mass: 10, inertia: {diagonal: [0.2, 0.25, 0.3]}}
 initial:
@@ -196,7 +223,7 @@ def test_a_lag_costs_the_steps_of_its_own_time_alone_and_is_not_refused(lag: flo
     assert _steps(lag, 3) < _steps(lag, 0) + 100
 
 
-@pytest.mark.parametrize(("arc", "tried"), [(1e-3, ["taylor", "dop853", "rk4"]), (10.0, None)])
+@pytest.mark.parametrize(("arc", "tried"), [(1e-3, ["taylor", "dop853", "dverk"]), (10.0, None)])
 def test_what_cannot_be_the_cheapest_in_short_arcs_is_not_tried(arc: float, tried: list[str] | None) -> None:
     case = forced()
     inertia, start = inertia_of(case.body), PhaseState.of(case.body, case.initial)
