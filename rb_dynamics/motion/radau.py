@@ -34,6 +34,9 @@ _ITERATIONS = 50
 _CONVERGED = 2.0**-54
 # Corrections that no longer shrink count as rounding errors below this.
 _ROUNDING = 1e-11
+# rad. Where nothing turns the body, Newton's pivots still put rounding errors of a large push into its rotation, and
+# each correction of these leaves some of its own; below this they do not count.
+_LEAST_TURN = 1e-30
 # A slower convergence than this requires a new Jacobian.
 _SLOW = 0.1
 # dexpinv is singular at a rotation by 2 pi.
@@ -201,7 +204,8 @@ def _relative(correction: Array, z: Array, sizes: list[float]) -> float:
     found = 0.0
     for k, size in enumerate(sizes):
         change = float(abs(correction[:, 3 * k : 3 * k + 3]).max())
-        found += change / (size + float(abs(z[:, 3 * k : 3 * k + 3]).max()) or change) if change else 0.0
+        known = size + float(abs(z[:, 3 * k : 3 * k + 3]).max()) + (_LEAST_TURN if k < 2 else 0.0)
+        found += change / (known or change) if change else 0.0
     return found
 
 

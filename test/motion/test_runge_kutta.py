@@ -461,3 +461,22 @@ def test_radau_differences_are_not_rounded_away() -> None:
     found = radau._jacobian(lambda _, y: [2.0 * y[0], y[1]], 0.0, [1e12, 0.0], [1e-8, 1e-8])
 
     assert found == [[pytest.approx(2.0), 0.0], [0.0, pytest.approx(1.0)]]
+
+
+def test_radau_pushes_a_body_that_nothing_turns() -> None:
+    """Its rotation is exactly zero; rounding errors of a large push in it were taken for corrections that never end."""
+    force, decaying, lag, h = (-1000.0, -400.0, 700.0), (500.0, 800.0, 100.0), 0.35, 0.2
+
+    step = METHODS["radau"].step(
+        Inertia(7.5, (1.0, 2.0, 3.0)),
+        HeldWrench(force_body=force),
+        h,
+        ZERO,
+        rotation.IDENTITY,
+        ZERO,
+        lambda t, x, v, q, w: (scale(math.exp(-t / lag), decaying), ZERO),
+    )
+
+    impulse = add(scale(h, force), scale(lag * (1.0 - math.exp(-h / lag)), decaying))
+    assert step.impulse == pytest.approx(impulse, rel=1e-5)
+    assert norm(step.angular_velocity) <= 1e-30
