@@ -18,7 +18,6 @@ from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.fields import Field, Rule, Section
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.formats.yaml.text_file import read_text
-from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, exact_period_ns
 from rb_dynamics.numerics.rotation import IDENTITY, unit
@@ -345,8 +344,9 @@ def _metrics(root: Section, control: Control | None, base: Scene, taken: Contain
         if name in taken:
             entry.reject("a name that no other column has", "rename the metric", f"the name {name}")
         quantity = section.get(given[0])
-        kind = OF_ACTUATORS.get(str(quantity.node.value), Actuator) if quantity else Actuator
-        if quantity and quantity.node.value in OF_ACTUATORS and not any(isinstance(a, kind) for a in base.actuators):
+        # Whatever was written may be a list, which no mapping can look up; `_name` refuses it.
+        kind = OF_ACTUATORS.get(str(quantity.node.value)) if quantity else None
+        if quantity and kind and not any(isinstance(a, kind) for a in base.actuators):
             quantity.reject("a quantity that the scene has", "list what it is of under actuators of the scene")
         aim, stays = section.get("target"), section.get("stays")
         if not aim and target and quantity and quantity.node.value == "attitude" and not _is_attitude(target):

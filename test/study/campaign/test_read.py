@@ -67,6 +67,8 @@ def test_overrides(tmp_path: Path) -> None:
         (("  rate: 4\n", "  rate: 3\n"), r"control.rate: found a rate|control.rate: found .* whole"),
         (("  rate: 4\n", "  rate: 8\n"), r"control.rate: found a period of 125000000 ns, expected a period that is a"),
         (("{final: rate}", "{final: rat}"), r"metrics.final_rate.final: found rat, .* did you mean rate\?"),
+        (("{final: rate}", "{final: [rate]}"), r"metrics.final_rate.final: found .*rate.*, expected one of attitude"),
+        (("{final: rate}", "{final: {rate: 1}}"), r"metrics.final_rate.final: found .*, expected one of attitude"),
         (("{final: rate}", "{final: rate, worst: rate}"), r"exactly one of final, worst"),
         (("final_rate: {final", "error: {final"), r"metrics.error: found the name error, expected a name"),
         (("rate, below: 0.4}", "rate}"), r"metrics.settled: found no threshold, expected a threshold for time_to"),
