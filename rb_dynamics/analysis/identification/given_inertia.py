@@ -558,10 +558,15 @@ class _Judge:
         return [name for name in model.layout.blocks if name not in self.model.layout]
 
     def _alone(self, stream: Stream) -> float:
-        """Return the mean square that the given inertia leaves of one sensor, over its noise."""
+        """Return the mean square that the given inertia leaves of one sensor, over its noise; inf if none follows it."""
         model = Model(self.scene, [replace(self.flight, streams=(stream,))], self.base)
-        at = followed(model, np.zeros(model.layout.count), self.noise)
-        return self._tried(list(model.predict(at)), at, _columns(model, model.layout.blocks), _columns(model, ())).level
+        # Under torques in other units, even what follows one sensor may diverge.
+        with np.errstate(over="ignore", invalid="ignore"):
+            at = followed(model, np.zeros(model.layout.count), self.noise)
+            predicted = list(model.predict(at))
+        if not self._sane(predicted):
+            return np.inf
+        return self._tried(predicted, at, _columns(model, model.layout.blocks), _columns(model, ())).level
 
     def _torque(self, edges: Array, body: Array) -> FittedTorque:
         """Return a torque; in world axes by the attitude that was measured next to the middle of each piece."""

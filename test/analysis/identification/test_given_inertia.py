@@ -59,6 +59,18 @@ def test_a_body_that_tumbles_away_from_its_poses_does_not_explain_them(factor: f
     assert not judged(read_track(whole.bag, light)).explained
 
 
+def test_of_a_sensor_that_no_motion_follows_nothing_is_explained() -> None:
+    """Torques a thousand times too large: a fit to one sensor alone may diverge, whose numbers no SVD takes."""
+    made = recording(36)
+    light = scene_of(made.body.mass, 1e-3 * np.array(made.body.inertia), made.body.center_of_mass)
+    track = read_track(made.bag, light)
+    assert track.twist is not None
+    part = given_inertia._part(track, track.twist, None)
+    assert part is not None
+    judge = given_inertia._Judge(light.body, *part)
+    assert [judge._alone(stream) for stream in judge.flight.streams] == [np.inf, np.inf]
+
+
 def test_an_error_of_two_per_cent_is_found_with_its_standard_error() -> None:
     made = recording(0)
     other = judged(track_of(made, moments=1.02))
