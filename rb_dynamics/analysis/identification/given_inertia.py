@@ -558,7 +558,7 @@ class _Judge:
         return [name for name in model.layout.blocks if name not in self.model.layout]
 
     def _alone(self, stream: Stream) -> float:
-        """Return the mean square that the given inertia leaves of one sensor, over its noise; inf if none follows it."""
+        """Return the mean square that the given inertia leaves of one sensor over its noise; inf if it diverges."""
         model = Model(self.scene, [replace(self.flight, streams=(stream,))], self.base)
         # Under torques in other units, even what follows one sensor may diverge.
         with np.errstate(over="ignore", invalid="ignore"):
