@@ -589,7 +589,7 @@ class McapFile:
             chunked = chunked or opcode == Opcode.CHUNK
             if astray:
                 sound = sound if chunked else start
-                following = self._after_damage(file, sound, start, size, chunked)
+                following = self._after_damage(file, sound, start, size, chunked, opcode)
                 if following is None:
                     if opcode == Opcode.CHUNK:
                         yield _CUT_CHUNK, file.read(MAX_RECORD_BYTES)
@@ -638,7 +638,9 @@ class McapFile:
         self.damage.append(str(self._damage(f"lost bytes before the record at {following}")))
         return following, False
 
-    def _after_damage(self, file: BinaryIO, sound: int, start: int, size: int, chunked: bool) -> int | None:
+    def _after_damage(
+        self, file: BinaryIO, sound: int, start: int, size: int, chunked: bool, opcode: int
+    ) -> int | None:
         """Return where to go on, to salvage, behind a place that is no record's; None where nothing follows.
 
         Raises:
@@ -657,7 +659,11 @@ class McapFile:
             where = f"has no record at {place}, and the next" if following > place else "lost bytes before the record"
             self.damage.append(str(self._damage(f"{where} at {following}")))
         elif _has_end(file, start, size):
-            self.damage.append(str(self._damage(f"has no record at {place}, but more after it")))
+            what = f"has no record at {place}, but more after it"
+            if opcode == Opcode.CHUNK:
+                # Where bytes were lost, one message has those of two.
+                what += "; whether messages of the chunk there were changed cannot be known"
+            self.damage.append(str(self._damage(what)))
             self.unplaced = True
         return following
 
@@ -710,7 +716,8 @@ class McapFile:
         yield from self._held_messages(take)
         # It ends within a record: that is not damage, the file is not complete.
         with contextlib.suppress(LogError, UnicodeDecodeError):
-            compression, size, _, data = self._chunk_head(content, cut=True)
+            compression, size, checksum, data = self._chunk_head(content, cut=True)
+            self.unchecked |= not checksum
             self._hold(self._unpacked(compression, data, size))
             yield from self._held_messages(take)
 

@@ -127,6 +127,25 @@ def test_bytes_lost_in_the_chunk_of_the_channels_cost_no_chunk_behind_it(tmp_pat
     assert not any("summary" in line for line in saved.damage)
 
 
+@pytest.mark.parametrize("checksums", [True, False])
+def test_a_last_chunk_that_lost_bytes_is_not_said_to_have_its_messages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], checksums: bool
+) -> None:
+    """One message then has bytes of two, and no checksum of a chunk whose end is not known proves the others."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0 + i)) for i in range(100)]
+    options = {"chunk_size": 10**9, "compression": CompressionType.NONE, "enable_crcs": checksums}
+    data = write_rows(tmp_path / "a.mcap", rows, **options).read_bytes()
+    (chunk,) = _places(data, Opcode.CHUNK)
+    end = chunk + 9 + struct.unpack_from("<Q", data, chunk + 1)[0]
+    lost = len(data) - end + 100
+    assert lost < end - chunk
+    (tmp_path / "damaged.mcap").write_bytes(data[: end - lost] + data[end:])
+    assert main(["recover", str(tmp_path / "damaged.mcap"), str(tmp_path / "copy.mcap")]) == 1
+    said = capsys.readouterr().out
+    assert "whether messages of the chunk there were changed cannot be known" in said
+    assert ("left out checksums" in said) == (not checksums)
+
+
 def test_a_length_that_no_record_has_costs_only_its_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data, places = _rows_in_chunks(tmp_path / "a.mcap")
     assert len(data) > places[3] + 20_000
