@@ -78,6 +78,9 @@ def checks(
     leaps = next((each.leaps for each in agreed if each.leaps), None)
     done += [_continuous(track, steady, leaps)] if steady is not None else []
     done += [_frozen(track, steady)] if steady is not None and steady.frozen else []
+    # What only the noise of the pose contradicts is a steady spin.
+    if steady is not None and steady.frozen_twist and any(each.odd or each.contradicts for each in agreed):
+        done.append(_frozen_twist(track, steady))
     done += [_one_body(track, steady.others)] if steady is not None and steady.others else []
     done += [_agrees(track, each) for each in agreed]
     if track.pose is not None and len(track.pose.time_ns):
@@ -255,9 +258,19 @@ def _continuous(track: Track, found: Continuity, leaps: Leaps | None) -> Check:
 
 def _frozen(track: Track, found: Continuity) -> Check:
     topic = "" if track.pose is None else track.pose.topic
-    times = [f"{(b - a) * 1e-9:.6g} s from t = {(a - track.zero_ns) * 1e-9:.6g} s" for a, b in found.frozen]
     what = "the same pose to the last bit although the body moved"
-    return Check(f"{topic} does not freeze", False, f"{what}: {listed(times[:NAMED], len(times))}")
+    return Check(f"{topic} does not freeze", False, f"{what}: {_times(track, found.frozen)}")
+
+
+def _frozen_twist(track: Track, found: Continuity) -> Check:
+    topic = "" if track.twist is None else track.twist.topic
+    what = "the same twist to the last bit although the body turned otherwise"
+    return Check(f"{topic} does not freeze", False, f"{what}: {_times(track, found.frozen_twist)}")
+
+
+def _times(track: Track, spans: Sequence[tuple[int, int]]) -> str:
+    times = [f"{(b - a) * 1e-9:.6g} s from t = {(a - track.zero_ns) * 1e-9:.6g} s" for a, b in spans]
+    return listed(times[:NAMED], len(times))
 
 
 def _one_body(track: Track, others: Sequence[Other]) -> Check:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.gaps import NAMED, listed, longest_usual
 from rb_dynamics.analysis.track import LARGEST, Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.formats.message_types import ODOMETRY
-from rb_dynamics.numerics.rotation_arrays import rotation_vectors
+from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotation_vectors, rotations_between
 
 # Number of intervals on either side that define the usual motion.
 _AROUND = 3
@@ -107,6 +107,7 @@ class Continuity:
         returns: how often the pose returns, if it shows two bodies alternately.
         others: topics that show the same frame at another place.
         frozen: first and last stamp of each interval in which no bit of the pose changes although the body moves.
+        frozen_twist: of each in which no bit of the twist changes although the attitude turns otherwise.
     """
 
     jumps: tuple[Jump, ...]
@@ -114,6 +115,7 @@ class Continuity:
     returns: Returns | None = None
     others: tuple[Other, ...] = ()
     frozen: tuple[tuple[int, int], ...] = ()
+    frozen_twist: tuple[tuple[int, int], ...] = ()
 
 
 def continuity(track: Track) -> Continuity | None:
@@ -143,6 +145,7 @@ def continuity(track: Track) -> Continuity | None:
         returns=returns or _returns(pose, track.twist, turns=True),
         others=_others(track, extent if placed else 0.0),
         frozen=_frozen(track, found),
+        frozen_twist=_frozen_twist(track.twist, pose),
     )
 
 
@@ -260,18 +263,42 @@ def _frozen(track: Track, jumps: Sequence[Jump]) -> tuple[tuple[int, int], ...]:
     """
     pose, twist = track.pose, track.twist
     assert pose is not None
-    changed = [(np.diff(rows, axis=0) != 0.0).any(axis=1) for rows in in_blocks(pose.values, 1)]
-    ends = np.flatnonzero(np.concatenate(changed))
-    begins, ends = np.append(0, ends + 1), np.append(ends, len(pose.values) - 1)
-    lengths = pose.time_ns[ends] - pose.time_ns[begins]
-    usual = float(np.median(np.diff(pose.time_ns[begins]))) if len(begins) > 1 else np.inf
     after_jump = {jump.start_ns for jump in jumps}
+    return tuple(
+        (begin, end)
+        for begin, end in (pose.time_ns[[first, last]].tolist() for first, last in _repeated(pose))
+        if end in after_jump or _moved(twist, begin, end)
+    )
+
+
+def _frozen_twist(twist: TimeSeries | None, pose: TimeSeries) -> tuple[tuple[int, int], ...]:
+    """Return when the twist repeats itself although the attitude turns otherwise, as that of a steady spin does not."""
     found = []
-    for k in np.flatnonzero((ends - begins >= _REPEATS) & (lengths > _REPEATS * usual)):
-        begin, end = int(pose.time_ns[begins[k]]), int(pose.time_ns[ends[k]])
-        if end in after_jump or _moved(twist, begin, end):
+    for first, last in _repeated(twist) if twist is not None and len(twist.values) else []:
+        assert twist is not None
+        begin, end = twist.time_ns[[first, last]].tolist()
+        a, b = np.searchsorted(pose.time_ns, begin), np.searchsorted(pose.time_ns, end, side="right") - 1
+        if b - a < _REPEATS:
+            continue
+        seconds = float(pose.time_ns[b] - pose.time_ns[a]) * 1e-9
+        told = product(unit_rows(pose.values[[a], 3:]), exponentials(seconds * twist.values[[first], 3:]))
+        off = float(np.linalg.norm(rotations_between(told, unit_rows(pose.values[[b], 3:]))))
+        if off > _MOVES * seconds:
             found.append((begin, end))
     return tuple(found)
+
+
+def _repeated(series: TimeSeries) -> list[tuple[int, int]]:
+    """Return the first and the last of samples that are the same to the last bit, for much longer than usual."""
+    changed = [(np.diff(np.nan_to_num(rows), axis=0) != 0.0).any(axis=1) for rows in in_blocks(series.values, 1)]
+    ends = np.flatnonzero(np.concatenate(changed))
+    begins, ends = np.append(0, ends + 1), np.append(ends, len(series.values) - 1)
+    lengths = series.time_ns[ends] - series.time_ns[begins]
+    usual = float(np.median(np.diff(series.time_ns[begins]))) if len(begins) > 1 else np.inf
+    return [
+        (int(begins[k]), int(ends[k]))
+        for k in np.flatnonzero((ends - begins >= _REPEATS) & (lengths > _REPEATS * usual))
+    ]
 
 
 def _moved(twist: TimeSeries | None, begin_ns: int, end_ns: int) -> bool:

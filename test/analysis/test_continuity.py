@@ -12,6 +12,7 @@ from bag_rows import add_stamped
 from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of, checks_of, failing, fill, spin
 
+from rb_dynamics import RigidBody, State, free_motion
 from rb_dynamics.analysis.continuity import continuity
 from rb_dynamics.analysis.identification.flights import flight_of
 from rb_dynamics.analysis.read_track import read_track
@@ -24,6 +25,7 @@ from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 
 BALL = scene_of(5.0, np.diag([1.0, 1.0, 1.0]), (0.0, 0.0, 0.0))
+BRICK = RigidBody.from_matrix(1.0, np.diag([1.0, 2.0, 2.5]))
 JUMPS = "/b/pose has no jumps"
 
 
@@ -70,6 +72,34 @@ def test_a_frozen_pose_is_told_with_its_time(with_twist: bool) -> None:
     assert told["/b/pose does not freeze"].endswith(": 2.99 s from t = 3 s")
     if with_twist:
         assert ", from t = 3 to 6 s: " in told["angular velocity fits the attitude"]
+
+
+def test_a_frozen_twist_is_told_with_its_time_even_if_it_is_short() -> None:
+    """Less than two windows of the pose contradict it."""
+    time_ns = 10_000_000 * np.arange(1000)
+    flown = free_motion(BRICK, State(angular_velocity_body=(0.2, 1.5, 0.2)), 1e-9 * time_ns)
+    still, random = np.zeros((1000, 3)), np.random.default_rng(1)
+    rate = flown.angular_velocity_body + 1e-4 * random.standard_normal((1000, 3))
+    motion = Tumble(time_ns, still, flown.orientation_xyzw, still, rate)
+    rows = np.arange(1000)
+    begin = int(np.abs(np.diff(rate[:-80, 1])).argmax()) // 10 * 10
+    rows[begin : begin + 80] = begin
+    assert "/b/twist does not freeze" not in failing(bag_of(motion))
+    told = failing(bag_of(motion, twist=replace(motion, rate=rate[rows])))
+    assert told == {
+        "/b/twist does not freeze": "the same twist to the last bit although the body turned otherwise: "
+        f"0.79 s from t = {begin * 0.01:.6g} s"
+    }
+
+
+@pytest.mark.parametrize("noise", [1e-4, 0.02])
+def test_a_twist_of_a_steady_spin_is_not_frozen(noise: float) -> None:
+    motion = spin(noise=noise)
+    rate = motion.rate + 1e-5 * np.random.default_rng(1).standard_normal(motion.rate.shape)
+    rows = np.arange(1000)
+    rows[300:400] = 300
+    steady = replace(motion, rate=rate[rows], velocity=motion.velocity[rows])
+    assert "/b/twist does not freeze" not in failing(bag_of(steady))
 
 
 def test_a_body_at_rest_and_a_pose_that_is_measured_seldom_are_not_frozen() -> None:
