@@ -44,9 +44,8 @@ STEPS = "One step of rk4"
 SIMULATE = (
     "- `simulate`, the usual way to start, handles channels, frames, timeouts and logs. For that a short run makes 350 "
     "to 700 calls in Python, which take 0.1 to 0.2 ms; heyoka is given numbers that are ready for it. Under ten "
-    "thousand pairs of commands the kernel takes a third of the time, two fifths of what heyoka takes; two fifths go "
-    "to checking commands and putting them in order, and an eighth to choosing the method again after 1, 2, 4, 8 ... "
-    "commands. It takes"
+    "thousand pairs of commands the kernel takes half of the time, half of what heyoka takes; a third goes to checking "
+    "commands and putting them in order. It takes"
 )
 Results = Mapping[str, tuple["Problem", Sequence[Row]]]
 StepTables = Sequence[tuple["Problem", Sequence[StepRow]]]

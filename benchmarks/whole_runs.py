@@ -61,12 +61,12 @@ COMMANDS = {
 LIMITS = (
     "What limits them: the start of Python and imports take most of the time of a command. Of the imports numpy takes "
     "14 %, llvmlite 12 %, PyYAML 5 %, and 160 modules of this package 44 %, of which a third goes to dataclasses: "
-    "Python compiles their methods as it defines them. Without imports, in one process, `simulate` takes twice as long "
-    "as heyoka: 43 % of it is the kernel, one step of order 8 with its error estimate between two commands, 18 % "
-    "taking commands in and checking them, 16 % putting commands, knots and outputs in order, and 11 % choosing the "
-    "method again after 1, 2, 4, 8 ... commands. An hour of commands is limited by what a command costs to read, hash "
-    "and log. Of what an MCAP log takes, a quarter is compression (zstd), a third putting messages into chunks, and a "
-    "tenth checksums; of what Rerun takes, nearly half is spent in its own library.\n"
+    "Python compiles their methods as it defines them. Without imports, in one process, `simulate` takes as long as "
+    "heyoka: half of it is the kernel, one step of order 6 with its error estimate between two commands, a fifth "
+    "taking commands in and checking them, and a seventh putting commands, knots and outputs in order. An hour of "
+    "commands is limited by what a command costs to read, hash and log. Of what an MCAP log takes, a quarter is "
+    "compression (zstd), a third putting messages into chunks, and a tenth checksums; of what Rerun takes, nearly "
+    "half is spent in its own library.\n"
 )
 
 
