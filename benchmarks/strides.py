@@ -11,6 +11,7 @@ number of strides and the time per stride; finally the cost of a stride in units
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
 
@@ -61,8 +62,9 @@ def measure(name: str, takes: LoadDependence, accuracy: float, turn: int) -> tup
 
 
 def main() -> None:
+    os.environ.setdefault("RB_DYNAMICS_COMPILE", "never")
     prices: dict[str, list[float]] = {name: [] for name in COST_OF_A_STEP}
-    for takes in LoadDependence:
+    for takes in EFFECTS:
         for accuracy in ACCURACIES:
             rows: list[tuple[float, int, str]] = []
             for name, method in METHODS.items():
