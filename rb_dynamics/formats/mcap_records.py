@@ -64,6 +64,7 @@ _NEEDED = frozenset(Opcode) - {
     *(Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX),
     Opcode.SUMMARY_OFFSET,
 }
+_IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 # Stands for the opcode of a chunk that is cut off by the end of the file; no record has it.
 _CUT_CHUNK = -1
 # Likewise of what is left out to salvage, and does not say of when it was.
@@ -718,7 +719,12 @@ class McapFile:
         with contextlib.suppress(LogError, UnicodeDecodeError):
             compression, size, checksum, data = self._chunk_head(content, cut=True)
             self.unchecked |= not checksum
-            self._hold(self._unpacked(compression, data, size))
+            inside = self._unpacked(compression, data, size)
+            end, astray = _own_records(inside)
+            if astray and self.salvage:
+                what = "ends in bytes that are no record; the message before them may have some, and was left out"
+                self.damage.append(str(self._damage(what)))
+            self._hold(inside[:end])
             yield from self._held_messages(take)
 
     def _as_before(self, data: bytes, start: int, limit: int) -> tuple[Places, Places]:
@@ -981,6 +987,20 @@ def _chunk_length(head: bytes) -> int | None:
         return None
     packed: int = struct.unpack_from("<Q", head, after)[0]
     return packed + after + 8
+
+
+def _own_records(data: bytes) -> tuple[int, bool]:
+    """Return where the records of a chunk that was cut off end, and whether other bytes stand behind them.
+
+    As where a disk that lost its power left zeros, or what it held before. They may have completed the record before.
+    """
+    before = end = 0
+    while end < len(data):
+        opcode, length = _RECORD.unpack(data[end : end + _RECORD.size].ljust(_RECORD.size, b"\0"))
+        if opcode not in _IN_CHUNKS or length > MAX_RECORD_BYTES:
+            return before, True
+        before, end = end, end + _RECORD.size + length
+    return len(data), False
 
 
 def _has_end(file: BinaryIO, start: int, size: int) -> bool:

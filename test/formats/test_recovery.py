@@ -146,6 +146,26 @@ def test_a_last_chunk_that_lost_bytes_is_not_said_to_have_its_messages(
     assert ("left out checksums" in said) == (not checksums)
 
 
+@pytest.mark.parametrize("tail", [bytes(4096), bytes(range(200, 256)) * 3])
+def test_what_stands_behind_the_cut_completes_no_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], tail: bytes
+) -> None:
+    """Where power was lost, zeros or what the disk held before stand there: the message at the cut had some of them."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0 + i)) for i in range(1000)]
+    whole = write_rows(tmp_path / "a.mcap", rows, chunk_size=10**9, compression=CompressionType.NONE)
+    data, expected = whole.read_bytes(), [message.data for message in McapFile(whole).messages()]
+    for cut in range(20_000, 20_120):
+        (tmp_path / "cut.mcap").write_bytes(data[:cut])
+        (tmp_path / "tail.mcap").write_bytes(data[:cut] + tail)
+        clean = sum(1 for _ in McapFile(tmp_path / "cut.mcap").messages())
+        found = [message.data for message in McapFile(tmp_path / "tail.mcap").messages()]
+        # Where the cut is between two messages, the one before it may be left out, too.
+        assert found == expected[: len(found)]
+        assert clean - 1 <= len(found) <= clean
+    assert main(["recover", str(tmp_path / "tail.mcap"), str(tmp_path / "copy.mcap")]) == 1
+    assert "ends in bytes that are no record" in capsys.readouterr().out
+
+
 def test_a_length_that_no_record_has_costs_only_its_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data, places = _rows_in_chunks(tmp_path / "a.mcap")
     assert len(data) > places[3] + 20_000
