@@ -229,7 +229,7 @@ def histogram(latency: CommandLatency) -> list[str]:
 def residual_sentence(left: Residual, zero_ns: int) -> str:
     """Return how well the given body explains the motion, and what would explain it; times from `zero_ns`."""
     force, torque = left.root_mean_square
-    noisy = "" if left.with_rates else ", of differences of the pose: mostly noise"
+    noisy = "" if left.with_rates else ", of differences of the pose, their noise included"
     size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square{noisy})."
     if not left.told and (not left.explained or left.fitted_ns is None or not left.noise):
         verdict = f"CANNOT TELL whether the inertia given explains the motion: {left.untold}."
@@ -317,7 +317,7 @@ def _bias(left: Residual, does: str) -> str:
 def _mass(left: Residual) -> str:
     if told := left.mass_words:
         return f" {told[0].upper()}{told[1:]}."
-    hidden = " The forces do not tell the mass: noise, or what acted beside them, hides it."
+    hidden = " The forces do not tell the mass: noise, another centre of mass, or what acted beside them, hides it."
     return hidden if np.isfinite(left.mass_error) else ""
 
 

@@ -80,7 +80,7 @@ class FittedMass:
     """The mass that fits best.
 
     Attributes:
-        value: kg; None if noise, or what acted beside the recorded forces, hides it.
+        value: kg; None if noise, another centre of mass, or what acted beside the recorded forces, hides it.
         error: its standard error, kg.
         explained: whether the given mass explains the motion as well.
         unit: of the positions, if none fits that are in m as they should be; "" for m.

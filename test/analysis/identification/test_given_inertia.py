@@ -89,7 +89,7 @@ def test_the_part_that_is_fitted_is_said() -> None:
         assert "Fitted" not in residual_sentence(left, 0)
         part = replace(left, fitted_ns=(1_000_000_000, 3_000_000_000))
         assert f" Fitted: t = 0.5 to 2.5 s; the rest {rest}." in (said := residual_sentence(part, 500_000_000))
-        assert ("mostly noise" in said) is bool(without)
+        assert ("their noise included" in said) is bool(without)
 
 
 def test_a_torque_outside_of_the_middle_of_poses_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
