@@ -91,7 +91,7 @@ class Plan:
         self._start_ns = begin_ns
         # Lengths (ns) of the last arc, and of the next one if the last two were equally long; 0 if not known.
         self._length_ns = self._expected_ns = 0
-        # The control of the last arc, with what it knew at the start.
+        # The control of the last arc that began at the present time, with what it knew at the start.
         self._began: tuple[StepControl | None, Learnt] = None, Learnt()
         if self._method is not None:
             self._choice.chosen = self._gradual_choice.chosen = self._method, self.control_of(self._method)
@@ -144,13 +144,15 @@ class Plan:
             self._expected_ns, self._length_ns = length_ns if length_ns == self._length_ns else 0, length_ns
             self._course = self.course(phase)
             self._from_ns, self._from = start_ns, phase
+            self._began = None, Learnt()
         method, control = self._choose(held, start_ns, phase, load_from is None, gradually is not None, stepper)
         if isinstance(control, AccuracyControl):
             if not goes_on and self._began[0] is control:
                 # The last arc had no duration; a search for a wheel that switches may have gone ahead in it.
                 control.learnt = self._began[1]
             self._began = control, control.learnt
-        again = None if self._method is not None or method is EXACT else self._cheapest
+        # An arc in closed form never chooses again, but those after it in a kernel for propagation do.
+        again = None if self._method is not None else self._cheapest
         # Under commands at regular times, the stride tried first leads to the next of them: no other step is needed.
         first = self._expected_ns / NANOSECONDS if self._expected_ns else math.inf
         return Arc(method, self._inertia, held, control, start_ns, phase, load_from, again, scales, first)
@@ -220,10 +222,11 @@ class Plan:
             self._start_ns, self._choice.length_ns = new.start_ns, behind.length_ns
             self._length_ns, self._expected_ns = behind.length_ns, behind.expected_ns
             self._choice.driven_arcs, self._driven = behind.driven, not propagated.closed
+            self._began = None, Learnt()
             method, control = new.method, new.control
             if propagated.closed:
                 method, control = EXACT, WholeArc(accuracy, self._course.turned)
-            again = self._cheapest if auto and method is not EXACT else None
+            again = self._cheapest if auto else None
             what = method, self._inertia, new.held, control
             arc = Arc(*what, new.start_ns, behind.origin, load_from, again, scales)
         arc.resume(propagated.arc_state)

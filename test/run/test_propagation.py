@@ -175,6 +175,38 @@ def test_so_it_does_under_effects(bag: Path, solver: Solver, flown: list[int], m
     assert sum(flown) > 300
 
 
+def test_a_method_is_chosen_again_in_long_arcs_after_a_coast_too(flown: list[int]) -> None:
+    """A burst leads to the method for short arcs; of two long ones with a coast between, both have a better one."""
+    scene = replace(SCENE, solver=Solver(method="auto", accuracy=1e-7), duration=220.0, output_rate=1.0)
+    burst = [(k * 1_000_000, (0.1, 0.2, 0.3 * (-1) ** k)) for k in range(5)]
+    torques = [*burst, (10_000_000, (0.02, 0, 0.01)), (100_000_000_000, (0, 0, 0)), (110_000_000_000, (0, 0.01, 0.02))]
+    commands = [("b", Wrench((0.0, 0.0, 0.0), torque, "body", at)) for at, torque in torques]
+    one, together = _singly(scene, commands, HashSink()), _run(scene, commands, HashSink())
+    assert (together.sample, together.steps, together.method) == (one.sample, one.steps, one.method)
+    assert sum(flown) > 100
+
+
+def test_commands_of_one_time_that_come_one_by_one_fly_as_together() -> None:
+    """Also where the first of them lets the body coast: step control keeps what it has learnt until then."""
+    scene = replace(SCENE, solver=Solver(method="auto", accuracy=1e-7), duration=10.0)
+    burst = [(k * 1_000_000, (0.1, 0.2, 0.3 * (-1) ** k)) for k in range(5)]
+    then = 5_000_000_000
+    torques = [*burst, (10_000_000, (0.02, 0, 0.01)), (then, (0, 0, 0)), (then, (0, 0.01, 0.02))]
+    commands = [(Wrench((0.0, 0.0, 0.0), torque, "body", at), at) for at, torque in torques]
+    found = []
+    for waits in (False, True):
+        run = Simulation(scene, [])
+        run.start()
+        for wrench, at_ns in commands:
+            if waits:
+                run.advance(at_ns)
+            run.post("b", wrench, at_ns)
+        run.advance(scene.end_ns or 0)
+        found.append((run.sample, run.steps, run.methods))
+        run.finish()
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize(("gravity", "rate"), [(False, 300.0), (True, 300.0), (False, 0.5)])
 def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(
     bag: Path, tmp_path: Path, gravity: bool, rate: float
