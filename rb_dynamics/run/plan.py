@@ -40,11 +40,15 @@ class _Choice:
         chosen: method and control of driven arcs.
         driven_arcs: number of driven arcs so far.
         length_ns: length of the last arc, driven or not; 0 before the first.
+        judged_ns: time at which it was last judged whether a cheaper method is possible.
+        best: whether none was.
     """
 
     chosen: tuple[Method, StepControl] | None = None
     driven_arcs: int = 0
     length_ns: int = 0
+    judged_ns: int = -1
+    best: bool = False
 
 
 class Plan:
@@ -256,8 +260,12 @@ class Plan:
             if not self._driven:
                 return EXACT, WholeArc(self._accuracy if self._ends else math.inf, self._course.turned)
             # Choose again after 0, 1, 2, 4, 8 ... driven arcs: the choice adapts to the scene at little cost.
-            if choice.driven_arcs & (choice.driven_arcs - 1) == 0 and not self._is_best(choice):
-                choice.chosen = self._cheapest(phase, stepper)
+            if choice.driven_arcs & (choice.driven_arcs - 1) == 0:
+                # Once for each time, before a choice for an arc of zero duration.
+                if choice.judged_ns != start_ns:
+                    choice.judged_ns, choice.best = start_ns, self._is_best(choice)
+                if not choice.best:
+                    choice.chosen = self._cheapest(phase, stepper)
         if choice.chosen is None:
             raise TypeError("a method with a name has been chosen at the start")
         return choice.chosen

@@ -186,12 +186,14 @@ def test_a_method_is_chosen_again_in_long_arcs_after_a_coast_too(flown: list[int
     assert sum(flown) > 100
 
 
-def test_commands_of_one_time_that_come_one_by_one_fly_as_together() -> None:
-    """Also where the first of them lets the body coast: step control keeps what it has learnt until then."""
+@pytest.mark.parametrize("first", [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0)])
+@pytest.mark.parametrize("bursts", [5, 0])
+def test_commands_of_one_time_that_come_one_by_one_fly_as_together(first: tuple[float, ...], bursts: int) -> None:
+    """Also where the first of them lets the body coast, or is the first that drives it."""
     scene = replace(SCENE, solver=Solver(method="auto", accuracy=1e-7), duration=10.0)
-    burst = [(k * 1_000_000, (0.1, 0.2, 0.3 * (-1) ** k)) for k in range(5)]
+    burst = [(k * 1_000_000, (0.1, 0.2, 0.3 * (-1) ** k)) for k in range(bursts)]
     then = 5_000_000_000
-    torques = [*burst, (10_000_000, (0.02, 0, 0.01)), (then, (0, 0, 0)), (then, (0, 0.01, 0.02))]
+    torques = [*burst, (10_000_000, (0.02 * bursts, 0, 0)), (then, first), (then, (0, 0.01, 0.02))]
     commands = [(Wrench((0.0, 0.0, 0.0), torque, "body", at), at) for at, torque in torques]
     found = []
     for waits in (False, True):
