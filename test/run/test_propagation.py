@@ -192,8 +192,8 @@ def test_commands_of_one_time_that_come_one_by_one_fly_as_together(first: tuple[
     """Also where the first of them lets the body coast, or is the first that drives it."""
     scene = replace(SCENE, solver=Solver(method="auto", accuracy=1e-7), duration=10.0)
     burst = [(k * 1_000_000, (0.1, 0.2, 0.3 * (-1) ** k)) for k in range(bursts)]
-    then = 5_000_000_000
-    torques = [*burst, (10_000_000, (0.02 * bursts, 0, 0)), (then, first), (then, (0, 0.01, 0.02))]
+    then = 5_000_000_000 if bursts else 200_000_000
+    torques = [*burst, (10_000_000 * (bursts > 0), (0.02 * bursts, 0, 0)), (then, first), (then, (0, 0.01, 0.02))]
     commands = [(Wrench((0.0, 0.0, 0.0), torque, "body", at), at) for at, torque in torques]
     found = []
     for waits in (False, True):
