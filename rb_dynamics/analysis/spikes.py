@@ -20,9 +20,12 @@ _ROUNDING = 1e-12
 _MOST = 0.05
 # So many times what a change of the rate makes in one interval, or the step before one at an end.
 _TURNED = 2.0
-# The pose follows if it shows this part of a spike, and this multiple of its own noise; of all spikes that it does not
-# follow, it shows less than this part, even with this multiple of the noise of their mean more.
-_FOLLOWS, _ABOVE_NOISE = 0.25, 3.0
+# A position or an attitude is followed by what shows this part of its spike.
+_FOLLOWS = 0.25
+# The pose follows a spike of the twist if it shows this part of what it would if the body moved so, and this multiple
+# of its own noise; of all spikes that it does not follow, it shows less than this part, even with this multiple of the
+# noise of their mean more.
+_SHOWS, _ABOVE_NOISE = 0.5, 3.0
 # Without a pose, wrenches may make a spike where they change so many times as much as is usual.
 _PUSHES = 2.0
 # It cannot tell where samples are missing: where others are farther apart than usual by so many usual intervals.
@@ -54,27 +57,55 @@ def without_spikes(
         about = _about(seconds, rows, odd)
         beyond = rows[at] - about
         size, pose_noise = np.linalg.norm(beyond, axis=1), np.inf if pose is not None else 0.0
-        followed = np.zeros(len(at))
+        # How much the pose shows of each in its direction, and would if the body moved so; without a pose, all counts.
+        followed, would = np.zeros(len(at)), size
         if pose is not None and (shown := rates_of(pose)) is not None:
             near = np.searchsorted(shown.twist.time_ns, twist.time_ns[at]).clip(max=len(shown.twist.time_ns) - 1)
             rates, pose_noise = shown.twist.values[near, columns], shown.noise[number]
             if in_world:
                 turned = np.searchsorted(pose.time_ns, shown.twist.time_ns[near])
                 rates = rotate_all(unit_rows(pose.values[turned, 3:]), rates)
-            followed = np.sum((rates - about) * beyond, axis=1) / size
-        alone = followed <= np.maximum(_FOLLOWS * size, _ABOVE_NOISE * pose_noise)
+            without = rows.copy()
+            without[at] = about
+            pose_s, at_s = (
+                (times - twist.time_ns[0]) * 1e-9 for times in (np.unique(pose.time_ns), shown.twist.time_ns[near])
+            )
+            as_told, as_usual = (_differences(seconds, each, pose_s, at_s) for each in (rows, without))
+            followed, would = (np.sum((each - as_usual) * beyond, axis=1) / size for each in (rates, as_told))
+        alone = followed <= np.maximum(_SHOWS * would, _ABOVE_NOISE * pose_noise)
         alone &= _near_others(twist.time_ns, odd) & ~_goes_on(rows, odd)[at]
         # At an end, differences of the pose show less than half of a change that began just before.
         before, after = _others(odd)
         alone &= ~pushed[at] | ((pose is not None) & (before >= 0) & (after < len(odd)))
         alone &= pose is None or _between_neighbours(pose.time_ns, twist.time_ns[at])
-        weight = float(np.sum(size[alone] ** 2))
+        weight = float(np.sum(would[alone] ** 2))
         hidden = _ABOVE_NOISE * pose_noise * np.sqrt(weight / 3.0) if weight else 0.0
-        if alone.any() and float(np.sum((followed * size)[alone])) + hidden <= _FOLLOWS * weight:
+        if weight and float(np.sum((followed * would)[alone])) + hidden <= _SHOWS * weight:
             values = values if told else values.copy()
             values[at[alone], columns] = about[alone]
             told.append(Spikes(unit, twist.time_ns[at[alone]], size[alone]))
     return replace(twist, values=values, spikes=tuple(told)) if told else twist
+
+
+def _differences(seconds: Array, rows: Array, pose_s: Array, at_s: Array) -> Array:
+    """Return what differences of a pose at the times `pose_s` show at some of these of rates that are `rows`.
+
+    The mean of the rates over the two intervals about each, as in `rates_of`.
+    """
+    steps = np.diff(seconds)[:, None]
+    gone = np.vstack([np.zeros((1, rows.shape[1])), np.cumsum(0.5 * steps * (rows[1:] + rows[:-1]), axis=0)])
+
+    def until(times_s: Array) -> Array:
+        last = np.searchsorted(seconds, times_s, side="right").clip(1, len(seconds)) - 1
+        here = np.stack([np.interp(times_s, seconds, column) for column in rows.T], axis=1)
+        result: Array = gone[last] + 0.5 * (times_s - seconds[last])[:, None] * (rows[last] + here)
+        return result
+
+    place = np.searchsorted(pose_s, at_s).clip(1, len(pose_s) - 2)
+    begin, middle, end = (until(pose_s[place + by]) for by in (-1, 0, 1))
+    before, after = (np.diff(pose_s)[place + by][:, None] for by in (-1, 0))
+    shown: Array = ((end - middle) / after * before + (middle - begin) / before * after) / (before + after)
+    return shown
 
 
 def spikes_of_position(

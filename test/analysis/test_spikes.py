@@ -100,6 +100,25 @@ def test_what_the_pose_shows_too_is_motion(quick: int) -> None:
         assert len(twist.spikes) == (turns is not motion)
 
 
+@pytest.mark.parametrize("slower", [1, 2, 5])
+@pytest.mark.parametrize("offset_ns", [0, 3_000_000])
+def test_so_is_what_a_slower_pose_shows_a_part_of(slower: int, offset_ns: int) -> None:
+    """A body that turns quickly for one sample: the differences of a pose show less of it, the slower the pose is."""
+    random, time_ns = np.random.default_rng(slower), np.arange(1000) * 10_000_000
+    twists = 1e-4 * random.normal(size=(1000, 6))
+    twists[[200, 333, 500, 801], 5] += 2.0
+    finely = np.arange(10_000) * 1_000_000
+    rate = np.interp(finely, time_ns, twists[:, 5])
+    angle = np.append(0.0, np.cumsum(0.5e-3 * (rate[1:] + rate[:-1])))
+    pose_ns = time_ns[:-1:slower] + offset_ns
+    turned = 0.5 * np.interp(pose_ns, finely, angle) + 1e-5 * random.normal(size=len(pose_ns))
+    for half in (turned, 0.0 * turned):
+        poses = np.zeros((len(pose_ns), 7))
+        poses[:, 5], poses[:, 6] = np.sin(half), np.cos(half)
+        found = without_spikes(TimeSeries("/t", time_ns, twists), TimeSeries("/p", pose_ns, poses), False).spikes
+        assert [len(each.size) for each in found] == ([] if half is turned else [4])
+
+
 def test_rounding_is_no_spike() -> None:
     motion = spin()
     motion.velocity = np.tile([1.0, 0.0, 0.0], (1000, 1))
