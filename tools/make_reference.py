@@ -264,7 +264,7 @@ EXAMPLES = {kind: f"config/{kind}.yaml" for kind in ACTS} | {"uniform_gravity": 
 TOPICS = {
     "pose": "of the body origin, world frame",
     "twist": "of the body origin, body axes",
-    "odom": "pose and twist; twist in body axes; variances as in `pose_covariance` and `twist_covariance`",
+    "odom": "pose and twist; twist in body axes; variances as in `pose_covariance` and `twist_covariance` (log: 0)",
     "angular_momentum": "world axes, about the centre of mass",
     "linear_momentum": "world axes",
     "energy/kinetic": "J",
