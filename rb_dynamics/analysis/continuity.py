@@ -291,14 +291,16 @@ def _frozen_twist(twist: TimeSeries | None, pose: TimeSeries) -> tuple[tuple[int
 def _repeated(series: TimeSeries) -> list[tuple[int, int]]:
     """Return the first and the last of samples that are the same to the last bit, for much longer than usual."""
     changed = [(np.diff(np.nan_to_num(rows), axis=0) != 0.0).any(axis=1) for rows in in_blocks(series.values, 1)]
-    ends = np.flatnonzero(np.concatenate(changed))
-    begins, ends = np.append(0, ends + 1), np.append(ends, len(series.values) - 1)
-    lengths = series.time_ns[ends] - series.time_ns[begins]
+    ends = np.append(np.flatnonzero(np.concatenate(changed)), len(series.values) - 1)
+    begins = np.append(0, ends[:-1] + 1)
+    # Usually none: then memory for more is not needed.
+    long = np.flatnonzero(ends - begins >= _REPEATS)
+    if not len(long):
+        return []
     usual = float(np.median(np.diff(series.time_ns[begins]))) if len(begins) > 1 else np.inf
-    return [
-        (int(begins[k]), int(ends[k]))
-        for k in np.flatnonzero((ends - begins >= _REPEATS) & (lengths > _REPEATS * usual))
-    ]
+    runs = np.stack([begins[long], ends[long]], axis=1)
+    lengths = np.diff(series.time_ns[runs], axis=1)[:, 0]
+    return [(first, last) for first, last in runs[lengths > _REPEATS * usual].tolist()]
 
 
 def _moved(twist: TimeSeries | None, begin_ns: int, end_ns: int) -> bool:

@@ -121,9 +121,9 @@ def test_memory_hardly_grows_with_a_log(tmp_path: Path, monkeypatch: pytest.Monk
     small_blocks(monkeypatch, 1000)
     # The first one also fills what stays for the next: modules, tables. One peak may be 0.75 MB higher than another, as
     # a busy machine reads ahead at other times.
-    logs = [spun(tmp_path / f"{samples}.mcap", samples) for samples in (1000, 6000, 16000)]
+    logs = [spun(tmp_path / f"{samples}.mcap", samples) for samples in (1000, 6000, 36000)]
     peaks = [min(peak_of_inspect(log) for _ in range(2)) for log in logs]
-    assert (peaks[2] - peaks[1]) / 10000 < 50
+    assert (peaks[2] - peaks[1]) / 30000 < 50
 
 
 @pytest.mark.parametrize(("with_scene", "bytes_each"), [(False, 50), pytest.param(True, 120, marks=pytest.mark.slow)])
