@@ -291,7 +291,7 @@ def test_a_node_that_cannot_start_leaves_no_log_half_written(
 def test_a_node_that_cannot_start_leaves_the_graph(scene: Path) -> None:
     wrong = node_arguments(scene, **{"qos_overrides./wrench.subscription.reliability": "perhaps"})
     # News that comes after a farewell puts a node back into the graph of who hears both: that is seldom.
-    for _ in range(3):
+    for _ in range(6):
         watcher = Peer()
         try:
             watcher.spin(0.5)
