@@ -4,7 +4,8 @@ Usage: python benchmarks/recording.py
 
 A tumbling body, without thinning. "Writer" begins with the node's messages before they are packed, and compares our
 writer with that of the package mcap, with equal chunk sizes, compressed and not. "Mcap" and "sink" are the whole path
-from an event to the closed file. "Columns" begins with a batch in arrays; a row is one time of one entity. "Scalars" is
+from events, one by one as in the node, to the closed file; offline they come in blocks, which `whole_runs.py` measures.
+"Columns" begins with a batch in arrays; a row is one time of one entity. "Scalars" is
 a single entity in one call, which is the cost of Rerun itself. Best of several repeats, in processor time unless
 stated otherwise, on this machine.
 """
@@ -28,13 +29,14 @@ from rb_dynamics.formats.mcap_writer import CHUNK_BYTES, McapWriter
 from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.logs.messages import SAMPLE_TOPICS, sample_encoder
+from rb_dynamics.run.event_arrays import stacked
 from rb_dynamics.run.sink import RunInfo, Sample, Sink
 from rb_dynamics.scene.shipped import shipped
 from rb_dynamics.sinks import rerun_style as style
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rerun_columns import gather
 from rb_dynamics.sinks.rerun_sink import BATCH_ROWS, Recorder, RerunSink
-from rb_dynamics.sinks.rerun_thinning import KeptSample
+from rb_dynamics.sinks.rerun_thinning import KeptRows
 
 SAMPLES = 20 * BATCH_ROWS
 WRITTEN = 10_000
@@ -119,9 +121,12 @@ def through(sink: Sink, scene: rb.Scene, samples: list[Sample]) -> float:
 
 def columns(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
     """Return rows per second through what the sink does with each batch."""
-    rows = [KeptSample(index, sample, HeldWrench()) for index, sample in enumerate(samples)]
     series = style.series_of(scene)
-    batches = [gather(rows[k : k + BATCH_ROWS], series) for k in range(0, SAMPLES, BATCH_ROWS)]
+    batches = []
+    for first in range(0, len(samples), BATCH_ROWS):
+        part = samples[first : first + BATCH_ROWS]
+        kept = KeptRows(range(first, first + len(part)), stacked(part), [HeldWrench()] * len(part))
+        batches.append(gather([kept], series))
     # Poses and plane; arrows at the body, of which force and torque have none here; arrows of Poinsot's construction.
     moving = 4 + 2 + 2
 
@@ -136,14 +141,14 @@ def columns(path: Path, scene: rb.Scene, samples: list[Sample]) -> float:
         recorder.stream.disconnect()
         return spent
 
-    return SAMPLES * (len(series) + moving) / best(task)
+    return len(samples) * (len(series) + moving) / best(task)
 
 
 def scalars(path: Path) -> float:
     """Return rows per second of one entity in one call."""
     import rerun as rr
 
-    count = 1_000_000
+    count = 50 * SAMPLES
     times = np.arange(count).astype("timedelta64[us]")
     values = np.random.default_rng(1).random((count, 3))
 

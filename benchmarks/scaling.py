@@ -363,7 +363,7 @@ included:
 
 {memory}
 A run keeps neither its outputs nor past commands, except for the reasons why commands were rejected. The MCAP writer
-holds a chunk (128 KiB) and, for each chunk written, some 300 bytes for the index at the end. The Rerun writer holds a
+holds a chunk (256 KiB) and, for each chunk written, some 300 bytes for the index at the end. The Rerun writer holds a
 batch of 4096 samples, paths of at most 16 384 points and an index entry for each chunk: 200 000 outputs took 138 MB,
 and 2 million, thinned as they come, 136 MB. A `MemorySink` keeps everything; that is its purpose.
 `test/run/test_memory_growth.py` checks these statements.

@@ -143,16 +143,23 @@ def like(type_name: str, model: bytes, times_ns: Times, runs: Iterable[Numbers |
     """
     import numpy as np
 
+    rows = np.tile(np.frombuffer(model, np.uint8), (len(times_ns), 1))
+    fill(rows, type_name, model, times_ns, runs)
+    return rows
+
+
+def fill(rows: Bytes, type_name: str, model: bytes, times_ns: Times, runs: Iterable[Numbers | None]) -> None:
+    """Make copies of `model`, (n, length), what `like` returns."""
+    import numpy as np
+
     starts, places_of_runs = places(type_name, model)
     stamps = np.stack([times_ns // NANOSECONDS, times_ns % NANOSECONDS], axis=1).astype("<i4")
-    rows = np.tile(np.frombuffer(model, np.uint8), (len(times_ns), 1))
     parts = [(at, stamps) for at in starts]
     parts += [(at, run.astype("<f8")) for at, run in zip(places_of_runs, runs, strict=True) if run is not None]
     for at, part in parts:
         # Not -1: where commands come by the thousand between two outputs, there is no row that gives the width.
         flat = np.ascontiguousarray(part).view(np.uint8).reshape(len(part), part.shape[1] * part.itemsize)
         rows[:, at : at + flat.shape[1]] = flat
-    return rows
 
 
 def first_number(type_name: str, data: bytes) -> int:

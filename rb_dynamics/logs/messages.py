@@ -294,10 +294,11 @@ def sample_packers(scene: Scene, acceleration: Acceleration | None = None) -> di
     return {name: packers[name] for name, _ in sample_topics(scene, acceleration is not None)}
 
 
-def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
-    """Return what makes the messages of many samples, which are one with arrays: (n, length) for each topic.
+def block_encoder(scene: Scene) -> tuple[tuple[bytes, ...], Callable[[list[Bytes], Sample, Times], None]]:
+    """Return the messages of a body at rest, and what makes many copies of each the messages of as many samples.
 
-    The topics are `sample_topics` without the acceleration, the bytes those of `sample_encoder`.
+    `fill(messages, samples, times_ns)` takes (n, length) for each topic, and samples that are one with arrays. The
+    topics are `sample_topics` without the acceleration, the bytes those of `sample_encoder`.
     """
     import numpy as np
 
@@ -306,7 +307,7 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
     still = Sample(0, ZERO, IDENTITY, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0, wheels, 0.0, 0.0)
     models = sample_encoder(scene)(still)
 
-    def encode(samples: Sample, times_ns: Times) -> list[Bytes]:
+    def fill(messages: list[Bytes], samples: Sample, times_ns: Times) -> None:
         pose = (*samples.position_world, *samples.orientation_xyzw)
         velocity_body = rotate_inverse(samples.orientation_xyzw, samples.linear_velocity_world)
         twist = (*velocity_body, *samples.angular_velocity_body)
@@ -323,12 +324,10 @@ def block_encoder(scene: Scene) -> Callable[[Sample, Times], list[Bytes]]:
             "/tf": (pose,),
             POTENTIAL[0]: ((samples.potential_energy,),),
         }
-        return [
-            cdr.like(kind, model, times_ns, [run and np.stack(run, axis=1) for run in numbers[name]])
-            for (name, kind), model in zip(topics, models, strict=True)
-        ]
+        for (name, kind), model, rows in zip(topics, models, messages, strict=True):
+            cdr.fill(rows, kind, model, times_ns, [run and np.stack(run, axis=1) for run in numbers[name]])
 
-    return encode
+    return models, fill
 
 
 def sample_encoder(scene: Scene, acceleration: Acceleration | None = None) -> Callable[[Sample], tuple[bytes, ...]]:

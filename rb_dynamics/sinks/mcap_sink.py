@@ -20,6 +20,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -29,7 +30,7 @@ from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
 from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.mcap_writer import InPieces, McapWriter, framed, in_rows
+from rb_dynamics.formats.mcap_writer import HEAD, InPieces, McapWriter, copies, framed, in_rows
 from rb_dynamics.formats.message_types import VECTOR, WRENCH
 from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.logs.messages import (
@@ -162,7 +163,7 @@ class McapSink:
         self._guarded(self._begin, run, topics)
         self._sample_ids = [self._ids[name] for name, _ in samples]
         self._encode_sample = sample_encoder(run.scene, acceleration)
-        self._encode_block = block_encoder(run.scene)
+        self._block = block_encoder(run.scene)
         self._encode_measurement = measurement_packers(run.scene)
         if self.settings.flush_s > 0.0:
             threading.Thread(target=self._keep_flushing, name=f"flush {self.path.name}", daemon=True).start()
@@ -281,18 +282,25 @@ class McapSink:
         import numpy as np
 
         changes, times = block.changes, cast("Times", block.samples.time_ns)
-        messages = self._encode_block(block.samples, times)
-        records = [framed(number, rows, times) for number, rows in zip(self._sample_ids, messages, strict=True)]
-        widths = np.cumsum([0, *(rows.shape[1] for rows in records)]).tolist()
-        rows = np.concatenate(records, axis=1)
+        models, fill = self._block
+        records = [framed(number, model) for number, model in zip(self._sample_ids, models, strict=True)]
+        places = np.cumsum([0, *map(len, records)]).tolist()
+        rows = copies(b"".join(records), places[:-1], times)
+        fill([rows[:, begin + HEAD : end] for begin, end in pairwise(places)], block.samples, times)
+        data: bytes | memoryview
         if len(changes.time_ns):
             pieces, at, kind = self._with_changes(in_rows(rows), block)
             data, sizes = b"".join(pieces), np.fromiter(map(len, pieces), np.int64, len(pieces))
         else:
-            data, sizes, at, kind = rows.tobytes(), np.full(len(rows), rows.shape[1]), times, np.full(len(rows), -1)
+            data, sizes, at, kind = (
+                rows.reshape(-1).data,
+                np.full(len(rows), rows.shape[1]),
+                times,
+                np.full(len(rows), -1),
+            )
         where = [
             InPieces(number, (kind == -1).nonzero()[0], start)
-            for number, start in zip(self._sample_ids, widths, strict=False)
+            for number, start in zip(self._sample_ids, places, strict=False)
         ]
         for channel, topic in enumerate(changes.topics):
             names = ((topic, 2 * channel), (topic + APPLIED, 2 * channel + 1))
@@ -332,7 +340,9 @@ class McapSink:
         messages, received = changes.came.received.messages(), changes.came.received
 
         def add(to: Records, number: int, rows: Times, each: Bytes) -> None:
-            to[rows] = in_rows(framed(number, each, changes.time_ns[rows]))
+            records = copies(framed(number, bytes(each.shape[1])), (0,), changes.time_ns[rows])
+            records[:, HEAD:] = each
+            to[rows] = in_rows(records)
 
         for channel, topic in enumerate(changes.topics):
             mine = changes.channel == channel

@@ -459,7 +459,10 @@ class _Comparison:
     def _compare_block(self, block: EventArrays) -> None:
         assert self._encode_block is not None
         times, samples, hashed = cast("Any", block.samples.time_ns), block.samples, hashed_rows(block.samples)
-        messages = [(rows.tobytes(), rows.shape[1]) for rows in self._encode_block(samples, times)]
+        models, fill = self._encode_block
+        filled = [np.tile(np.frombuffer(model, np.uint8), (len(times), 1)) for model in models]
+        fill(filled, samples, times)
+        messages = [(rows.tobytes(), rows.shape[1]) for rows in filled]
         potential = () if samples.potential_energy is None else (samples.potential_energy,)
         energies = np.abs([samples.kinetic_energy, samples.work, *potential]).max(axis=0).tolist()
         change = _ChangesAsLogged(block, self._facts.names)
