@@ -46,15 +46,15 @@ def gather(rows: Sequence[KeptRows], series: Iterable[PlotLines]) -> Columns:
     }
     # A wrench is held for many samples: each is processed once.
     each_held = [held for part in rows for held in part.held]
-    held = {id(one): one for one in each_held}
-    places = {key: place for place, key in enumerate(held)}
-    place = np.fromiter((places[id(one)] for one in each_held), dtype=np.intp, count=len(each_held))
+    numbers = np.fromiter(map(id, each_held), dtype=np.intp, count=len(each_held))
+    _, first, place = np.unique(numbers, return_index=True, return_inverse=True)
+    held = [each_held[k] for k in first.tolist()]
     attitude = values["attitude"]
     sums = [
         rotate_all(attitude, np.array(in_body)[place]) + np.array(in_world)[place]
         for in_body, in_world in (
-            ([one.force_body for one in held.values()], [one.force_world for one in held.values()]),
-            ([one.torque_body for one in held.values()], [one.torque_world for one in held.values()]),
+            ([one.force_body for one in held], [one.force_world for one in held]),
+            ([one.torque_body for one in held], [one.torque_world for one in held]),
         )
     ]
     return Columns(stamps, values, *sums)
