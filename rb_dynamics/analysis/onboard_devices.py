@@ -15,11 +15,12 @@ from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_row
 from rb_dynamics.errors import WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.joint_states import velocities
 from rb_dynamics.formats.message_types import JOINTS
 from rb_dynamics.formats.topic_messages import Topic, unread_words
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
-from rb_dynamics.logs.messages import WHEELS, encode_wheels
+from rb_dynamics.logs.messages import WHEELS
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import Quaternion
 from rb_dynamics.numerics.rotation_arrays import rotations_between
@@ -238,9 +239,7 @@ def _numbers(
     topics: dict[str, Topic] = {}
     speeds: list[tuple[Times, Array]] = []
     count, lost = 0, list[int]()
-    model = encode_wheels(scene, 0, [0.0] * len(scene.wheels))
-    stamps, places = cdr.places(JOINTS, model)
-    same = np.delete(np.arange(len(model)), [at + k for at in (*stamps, *places) for k in range(8)])
+    names = [wheel.name for wheel in scene.wheels]
     for block in open_source(track.bag.path).blocks():
         kind, name = block.channel.type_name, wanted.get(block.channel.topic)
         if name is None:
@@ -249,16 +248,10 @@ def _numbers(
             runs = tuple(place for place, part in enumerate(cdr.LAYOUTS[kind]) if isinstance(part, int))
             topics.setdefault(name, Topic(name, kind, bears=True, fields=runs)).take(block)
             continue
-        begin = 0
-        for messages in block.rows():
-            times, begin = block.log_times[begin : begin + len(messages)], begin + len(messages)
-            whole = np.zeros(len(messages), dtype=bool)
-            if messages.shape[1] == len(model):
-                whole = (messages[:, same] == np.frombuffer(model, np.uint8)[same]).all(axis=1)
-                columns = [messages[whole, at : at + 8].copy().view("<f8") for at in places]
-                speeds.append((times[whole], np.hstack(columns)))
-            lost += (count + np.flatnonzero(~whole)).tolist()
-            count += len(messages)
+        whole, _, rows = velocities(block, names)
+        speeds.append((block.log_times[whole], rows))
+        lost += (count + np.flatnonzero(~whole)).tolist()
+        count += len(whole)
     found = {name: (topic.stamps, topic.numbers) for name, topic in topics.items()}
     if speeds:
         found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))

@@ -155,6 +155,12 @@ def covariance(
         raise LogError(f"{log} is no log of this package, expected one; write it with simulate --mcap")
     if scene.body.is_particle:
         raise SceneError(f"{scene.source}: body: found a particle, expected a body with an inertia; add body.inertia")
+    if scene.actuators:
+        names = ", ".join(actuator.name for actuator in scene.actuators)
+        raise SceneError(
+            f"{scene.source}: actuators: found {names}, expected none, as sensitivities do not know what wheels, "
+            "thrusters and magnetorquers do when the body moves otherwise; leave them out with --set actuators=[]"
+        )
     outputs = max((topic.count for topic in bag.topics.values() if topic.type_name == POSE), default=0)
     if outputs < _FEWEST:
         raise SceneError(

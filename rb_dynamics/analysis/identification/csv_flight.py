@@ -30,6 +30,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array, Times, unit_rows
+from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.errors import LogError, did_you_mean
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.argument_checks import shown
@@ -61,7 +62,10 @@ QUANTITIES = {
     "force": tuple(f"force_{axis}" for axis in _XYZ),
     "torque": tuple(f"torque_{axis}" for axis in _XYZ),
 }
-"""What columns may hold, and their names unless others are given; those that `convert` writes, and of sensors."""
+"""What columns may hold, and their names unless others are given; those that `convert` writes, and of sensors.
+
+Of a scene with reaction wheels also `wheels`: `wheel_speed_NAME` of each.
+"""
 
 _KINDS = {
     "attitude": ATTITUDE, "position": POSITION, "velocity_world": VELOCITY, "velocity_body": VELOCITY, "rates": RATES,
@@ -79,13 +83,20 @@ def read_csv_flight(
     """Return what the table measured; `columns` are the names of its columns by `QUANTITIES`, where they are others.
 
     Position and velocity are those of the body origin; `gyro`, `rates`, `accelerometer`, `force` and `torque` are in
-    body axes. A wrench is held until the next; `commands` are bags with wrenches of the same clock, on
-    `wrench_topics`, or all of them.
+    body axes; `wheels` are the speeds (rad/s) of all reaction wheels of the scene, in its order. A wrench is held until
+    the next; `commands` are bags with wrenches of the same clock, on `wrench_topics`, or all of them.
 
     Raises:
         LogError: the file cannot be read, lacks a column, has a cell that is not a number, or has times that go back.
     """
-    times, found = _read(path, dict(columns or {}))
+    turning = {"wheels": tuple(f"wheel_speed_{wheel.name}" for wheel in scene.wheels)} if scene.wheels else {}
+    times, found = _read(path, dict(columns or {}), QUANTITIES | turning)
+    if missing := [name for name in turning if name not in found]:
+        raise LogError(
+            f"{path}: found no speeds of {', '.join(wheel.name for wheel in scene.wheels)}, expected a column of each: "
+            f"{', '.join(turning[missing[0]])}; name them, as in --columns wheels=a,b, or leave the wheels out with "
+            "--set actuators=[] if they stood still"
+        )
     measured: dict[str, Mask] = {name: np.asarray(np.isfinite(v).all(axis=1)) for name, v in found.items()}
     moving = [quantity for quantity in _KINDS if quantity in found and measured[quantity].any()]
     if not moving:
@@ -110,7 +121,13 @@ def read_csv_flight(
     channels = [*_wrench(found, times - zero, scene, path)]
     channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
     notes += [] if channels else [NO_WRENCH]
-    return Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero).between_commands()
+    wheels = None
+    if turning:
+        wheels = WheelSpeeds.of("wheels", times - zero, found["wheels"])
+        wheels.require(0, end - zero, path)
+        notes += wheels.remarks
+    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels)
+    return flight.between_commands()
 
 
 def _wrench(found: Mapping[str, Array], times: Times, scene: Scene, path: str) -> Iterator[WrenchSeries]:
@@ -142,15 +159,17 @@ def _require_unit(path: str, attitudes: Array) -> None:
         )
 
 
-def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str, Array]]:
-    """Return the times (ns) and the values (n, 3 or 4) of each quantity; NaN where a cell is empty."""
+def _read(
+    path: str, columns: dict[str, Sequence[str]], quantities: Mapping[str, tuple[str, ...]]
+) -> tuple[Times, dict[str, Array]]:
+    """Return the times (ns) and the values (n, k) of each quantity; NaN where a cell is empty."""
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
             header = file.readline()
             # As spreadsheets of some countries write it.
             separator = max(",;\t", key=header.count)
             names = [name.strip() for name in next(csv.reader([header], delimiter=separator), [])]
-            wanted = _places(path, names, columns)
+            wanted = _places(path, names, columns, quantities)
             marks = [names.index(name) for name in _ORIGINS if name in names]
             rows, origins = [], []
             for number, cells in enumerate(csv.reader(file, delimiter=separator), start=2):
@@ -185,13 +204,15 @@ def _read(path: str, columns: dict[str, Sequence[str]]) -> tuple[Times, dict[str
     return times, found
 
 
-def _places(path: str, names: Sequence[str], columns: dict[str, Sequence[str]]) -> dict[str, list[int]]:
+def _places(
+    path: str, names: Sequence[str], columns: dict[str, Sequence[str]], quantities: Mapping[str, tuple[str, ...]]
+) -> dict[str, list[int]]:
     """Return where the columns of each quantity stand, one of times among them."""
     for quantity, given in columns.items():
-        usual = QUANTITIES.get(quantity)
+        usual = quantities.get(quantity)
         if usual is None:
-            mend = did_you_mean(quantity, QUANTITIES, "write one of them")
-            raise LogError(f"columns: found {quantity!r}, expected some of {', '.join(QUANTITIES)}; {mend}")
+            mend = did_you_mean(quantity, quantities, "write one of them")
+            raise LogError(f"columns: found {quantity!r}, expected some of {', '.join(quantities)}; {mend}")
         if isinstance(given, str) or len(given) != len(usual):
             raise LogError(
                 f"columns: found {shown(given)} for {quantity}, expected {len(usual)} "
@@ -205,9 +226,9 @@ def _places(path: str, names: Sequence[str], columns: dict[str, Sequence[str]]) 
             f"expected one of {', '.join(_TIMES)}; name it, as in --columns time_s=stamp"
         )
     asked = {q: tuple(given) for q, given in columns.items() if q not in _TIMES} or {
-        q: own for q, own in QUANTITIES.items() if q not in _TIMES and set(own) <= set(names)
+        q: own for q, own in quantities.items() if q not in _TIMES and set(own) <= set(names)
     }
-    asked[times[0]] = tuple(columns.get(times[0], QUANTITIES[times[0]]))
+    asked[times[0]] = tuple(columns.get(times[0], quantities[times[0]]))
     if "gyro" in asked and not columns:
         # Of a table with both, the gyro is what was measured.
         asked.pop("rates", None)

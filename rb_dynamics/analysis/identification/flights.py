@@ -20,8 +20,10 @@ from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
+from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import Bag, read_bag
@@ -104,6 +106,8 @@ class Flight:
         set_ns: when the clock was set forward, likewise: the last stamp before.
         zero_ns: the stamp at which its times begin.
         frames_to_choose: as in `Track`.
+        wheels: speeds of the reaction wheels of the scene.
+        commanded: names of its thrusters and magnetorquers for which there are commands.
     """
 
     name: str
@@ -114,6 +118,8 @@ class Flight:
     set_ns: tuple[int, ...] = ()
     zero_ns: int = 0
     frames_to_choose: str = ""
+    wheels: WheelSpeeds | None = None
+    commanded: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -450,8 +456,15 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     for each in track.motion:
         if told := overlaps(each, zero):
             raise LogError(f"{path}: {each.topic}: {told}; cut it to before or after that, with convert --from or --to")
-    notes = [note for note in track.notes if "inspected" not in note]
-    notes += [*losses(track), *remarks(track), *_of_actuators(bag)]
+    # What concerns `inspect` alone is left out.
+    notes = [note for note in track.notes if not any(word in note for word in ("inspected", "not checked"))]
+    notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
+    wheels = wheel_speeds(bag, scene.wheels, zero) if scene.wheels else None
+    notes += wheels.remarks if wheels else []
+    others = [each for each in scene.actuators if each not in scene.wheels]
+    heard = [each for each in others if (name := _as_command(bag, each)) and bag.topics[name].count]
+    if quiet := ", ".join(each.name for each in others if each not in heard):
+        notes.append(f"{quiet}: no command is recorded: taken to have done nothing")
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     notes += _jumps(track, {each.kind for each in streams}, zero)
@@ -471,14 +484,24 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         () if own else _set_forward(track, zero),
         zero,
         track.frames_to_choose,
+        wheels,
+        tuple(each.name for each in heard),
     )
+    if wheels:
+        wheels.require(*found.span_ns, path)
     return found if own else found.between_commands()
 
 
-def _of_actuators(bag: Bag) -> list[str]:
-    """Return a remark on commands to actuators, which no fit has."""
-    told = ", ".join(bag.actuated)
-    return [f"{told}: taken for commands to actuators, which a fit does not have"] if told else []
+def _of_actuators(bag: Bag, scene: Scene) -> list[str]:
+    """Return a remark on commands to actuators that the scene does not have."""
+    told = ", ".join(sorted({*bag.actuated} - {_as_command(bag, each) for each in scene.actuators}))
+    return [f"{told}: taken for commands to actuators, which the scene does not have"] if told else []
+
+
+def _as_command(bag: Bag, actuator: Actuator) -> str:
+    """Return the topic of the commands to an actuator, in any namespace; "" if there is none."""
+    name = bag.called(actuator.topic)
+    return next((each for each in bag.actuated if each == name or each.endswith(f"/{actuator.topic}")), "")
 
 
 def _jumps(track: Track, kinds: Set[str], zero: int) -> list[str]:

@@ -240,11 +240,21 @@ class Model:
 
     def _require_modelled(self) -> None:
         source, left_out = self.scene.source, "derivatives of the motion do not know them"
-        if self.scene.actuators:
-            names = ", ".join(actuator.name for actuator in self.scene.actuators)
+        wheels = self.scene.wheels
+        if others := ", ".join(sorted({name for flight in self.flights for name in flight.commanded})):
             raise SceneError(
-                f"{source}: actuators: found {names}, expected none, as {left_out}; "
-                "leave them out with --set actuators=[] if they stood still"
+                f"{source}: actuators: found commands to {others}, expected none but to reaction wheels, as "
+                f"{left_out}; cut the recording to before or after them, with convert --from or --to"
+            )
+        if shaking := ", ".join(wheel.name for wheel in wheels if not wheel.is_balanced):
+            raise SceneError(
+                f"{source}: actuators: found an imbalance of {shaking}, expected none, as {left_out}; remove it from "
+                "the scene where it hardly counts"
+            )
+        if wheels and any(flight.wheels is None for flight in self.flights):
+            raise SceneError(
+                f"{source}: actuators: found {', '.join(wheel.name for wheel in wheels)}, expected none, as their "
+                "speeds are not recorded; leave them out with --set actuators=[] if they stood still"
             )
         if biased := [channel.topic for channel in self.scene.channels if channel.bias is not None]:
             raise SceneError(
@@ -649,7 +659,23 @@ class Model:
         none: list[tuple[int, ParameterBlock, Array]] = []
         channels = [(c.time_ns + late, c.held, c.topic, none) for c in flight.channels]
         channels += [(*found, "", fits) for found, fits in self._schedules(z)]
-        return _Acting(channels, [(i, e) for i, e in enumerate(self.scene.effects) if isinstance(e, Rotor)])
+        turning = [
+            _Turning(
+                f"effects[{i}]",
+                effect.axis_body,
+                effect.axial_inertia,
+                np.array([nanoseconds(at) for at, _ in effect.spin_rate], dtype=np.int64),
+                np.array([rate for _, rate in effect.spin_rate]),
+            )
+            for i, effect in enumerate(self.scene.effects)
+            if isinstance(effect, Rotor)
+        ]
+        if flight.wheels is not None:
+            turning += [
+                _Turning(f"actuators.{wheel.name}", wheel.axis, wheel.inertia, flight.wheels.time_ns, speeds)
+                for wheel, speeds in zip(self.scene.wheels, flight.wheels.speeds.T, strict=True)
+            ]
+        return _Acting(channels, turning)
 
     def _held(self, z: Array, acting_on: _Acting, starts: Times, knots: Times) -> tuple[Array, Array, Array]:
         """Return what is held from `starts` to `knots`, how it changes, and whether a command begins an interval."""
@@ -683,8 +709,8 @@ class Model:
                 held_by[row == k, :12, self._place_of_held(block)] = by.T * block.scale
         seconds = starts / NANOSECONDS
         held[:, 18] = seconds
-        for i, rotor in acting_on.rotors:
-            self._add_rotor(z, i, rotor, seconds, knots, held, held_by)
+        for rotor in acting_on.rotors:
+            self._add_rotor(z, rotor, seconds, knots, held, held_by)
         return held, held_by, commanded
 
     def _place_of_held(self, block: ParameterBlock) -> slice:
@@ -704,15 +730,13 @@ class Model:
                         fits.append((k, block, unit))
                 yield (times, rows), fits
 
-    def _add_rotor(
-        self, z: Array, i: int, rotor: Rotor, seconds: Array, knots: Times, held: Array, held_by: Array
-    ) -> None:
+    def _add_rotor(self, z: Array, rotor: _Turning, seconds: Array, knots: Times, held: Array, held_by: Array) -> None:
         """Add the momentum of a rotor and its rate to each interval."""
 
         def value(name: str, given: Array) -> Array:
-            return self.layout.values(f"effects[{i}].{name}", z, given)
+            return self.layout.values(f"{rotor.key}.{name}", z, given)
 
-        momentum = self.layout.blocks.get(f"effects[{i}].{_MOMENTUM}")
+        momentum = self.layout.blocks.get(f"{rotor.key}.{_MOMENTUM}")
         if momentum is not None:
             held[:, 12:15] += momentum.values(z)
             held_by[:, 12:15, self._place_of_held(momentum)] = np.diag(momentum.scale)
@@ -721,7 +745,7 @@ class Model:
         length = float(np.linalg.norm(direction))
         axis = direction / length
         inertia = float(value("axial_inertia", np.array([rotor.axial_inertia]))[0])
-        at, spin = np.array(rotor.spin_rate).T
+        at, spin = rotor.time_ns / NANOSECONDS, rotor.spin_rate
         spin = value("spin_rate", spin) if len(spin) == 1 else spin
         begin, end = np.interp(seconds, at, spin), np.interp(knots / NANOSECONDS, at, spin)
         span = knots / NANOSECONDS - seconds
@@ -735,7 +759,7 @@ class Model:
             ("spin_rate", inertia * np.concatenate([axis, np.zeros(3)])[None, :, None]),
             ("axis_body", inertia * turned),
         ):
-            key = f"effects[{i}].{name}"
+            key = f"{rotor.key}.{name}"
             if key in self.layout:
                 block = self.layout[key]
                 held_by[:, 12:18, self._place_of_held(block)] = by * block.scale
@@ -860,11 +884,21 @@ class Model:
         return left + block.values(z)
 
 
+class _Turning(NamedTuple):
+    """A rotor or a wheel: its key in the scene, axis, inertia, and its rate (rad/s), linear between times."""
+
+    key: str
+    axis_body: Vector
+    axial_inertia: float
+    time_ns: Times
+    spin_rate: Array
+
+
 class _Acting(NamedTuple):
-    """What acts in a flight: times, rows, topic and what of them is fitted of each channel; the rotors and places."""
+    """What acts in a flight: times, rows, topic and what of them is fitted of each channel; and what turns inside."""
 
     channels: list[tuple[Times, Array, str, list[tuple[int, ParameterBlock, Array]]]]
-    rotors: list[tuple[int, Rotor]]
+    rotors: list[_Turning]
 
 
 class _Seen(NamedTuple):
@@ -888,7 +922,7 @@ def _knots(acting: _Acting, begin: int, times: Sequence[Times]) -> Times:
     """Return the ends of the intervals from `begin` down to the earliest of `times`, and then up to the latest."""
     low, end = min(begin, *(int(at[0]) for at in times)), max(int(at[-1]) for at in times)
     edges = [at for at, *_ in acting.channels]
-    edges += [np.array([nanoseconds(t) for t, _ in rotor.spin_rate], dtype=np.int64) for _, rotor in acting.rotors]
+    edges += [rotor.time_ns for rotor in acting.rotors]
     knots = np.unique(np.concatenate([*times, *(at[(at > low) & (at < end)] for at in edges)]))
     before = knots[knots < begin]
     return np.concatenate([before[::-1], knots[1:] if len(before) else knots])

@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--columns", action="append", default=[], metavar="QUANTITY=NAMES",
         help="columns of .csv recordings, in SI units, as in gyro=wx,wy,wz: time_s (or _ms, _us, _ns), attitude "
-        "(x, y, z, w), position, velocity_world, velocity_body, rates, gyro, accelerometer, force, torque; may be "
-        "repeated",
+        "(x, y, z, w), position, velocity_world, velocity_body, rates, gyro, accelerometer, force, torque, wheels "
+        "(in the order of the scene); may be repeated",
     )  # fmt: skip
     add_topics(parser)
     parser.add_argument(

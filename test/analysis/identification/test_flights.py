@@ -175,12 +175,12 @@ def test_what_would_be_taken_for_a_torque_is_refused(part: dict[str, object], ex
         identify(replace(guess(body), **part), [made], ["inertia_ratios"])
 
 
-def test_commands_to_actuators_that_a_fit_does_not_have_are_named() -> None:
+def test_commands_to_actuators_that_the_scene_does_not_have_are_named() -> None:
     """A bag of a body with wheels was fitted without a word about their commands."""
     bag = bag_of(spin(0.0))
     bag.topics["/wheel/command"] = Topic("/wheel/command", SCALAR)
     scene = guess(RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)))
-    told = "/wheel/command: taken for commands to actuators, which a fit does not have"
+    told = "/wheel/command: taken for commands to actuators, which the scene does not have"
     assert told in flight_of(bag, scene).notes
     bag.topics["/battery"] = bag.topics.pop("/wheel/command")
     assert not any("actuators" in note for note in flight_of(bag, scene).notes)

@@ -1,0 +1,97 @@
+"""Speeds of reaction wheels as a bag recorded them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rb_dynamics.analysis.gaps import after_gaps, longest_usual
+from rb_dynamics.analysis.track import Array, Times
+from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.joint_states import velocities
+from rb_dynamics.formats.message_types import JOINTS
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS
+
+
+class WheelSpeeds(NamedTuple):
+    """Speeds relative to the body (rad/s), linear between the times; of all wheels of a scene, in its order.
+
+    Attributes:
+        topic: as recorded.
+        time_ns: (n,), ascending, each once.
+        speeds: (n, wheels).
+    """
+
+    topic: str
+    time_ns: Times
+    speeds: Array
+
+    @classmethod
+    def of(cls, topic: str, time_ns: Times, speeds: Array) -> WheelSpeeds:
+        """Return the same of times in any order, of which some may come again, and of speeds that may be missing."""
+        whole = np.isfinite(speeds).all(axis=1)
+        at, first = np.unique(time_ns[whole], return_index=True)
+        return cls(topic, at, speeds[whole][first])
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is assumed about the speeds, for the user."""
+        after = after_gaps(self.time_ns)
+        gaps = ""
+        if len(after):
+            longest = float(np.diff(self.time_ns)[after - 1].max()) / NANOSECONDS
+            some = f"{len(after)} gaps, the longest of" if len(after) > 1 else "a gap of"
+            gaps = f"; it has {some} {longest:.3g} s"
+        return [f"{self.topic}: speeds of the wheels are taken as recorded, and as linear in between{gaps}"]
+
+    def require(self, first_ns: int, last_ns: int, path: str) -> None:
+        """Check that the speeds are known from `first_ns` to `last_ns`, which an interval may miss.
+
+        Raises:
+            LogError: they are not.
+        """
+        if not len(self.time_ns):
+            raise LogError(f"{path}: {self.topic}: no speed is a number, expected those of the wheels; record it again")
+        begin, end = int(self.time_ns[0]), int(self.time_ns[-1])
+        usual = longest_usual(self.time_ns) if len(self.time_ns) > 3 else 0.0
+        if begin - first_ns > usual or last_ns - end > usual:
+            raise LogError(
+                f"{path}: {self.topic} has speeds of the wheels from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s, and the "
+                f"motion is recorded from {first_ns * 1e-9:.6g} to {last_ns * 1e-9:.6g} s, expected speeds throughout; "
+                "stamp both by one clock, or cut the recording with convert --from or --to"
+            )
+
+
+def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], zero_ns: int) -> WheelSpeeds:
+    """Return the speeds of all `wheels` from the topic that has most of them; times count from the stamp `zero_ns`.
+
+    Raises:
+        LogError: no topic tells them.
+    """
+    names = [wheel.name for wheel in wheels]
+    parts: dict[str, list[tuple[Times, Times, Array]]] = {}
+    joints = {topic.name for topic in bag.topics.values() if topic.type_name == JOINTS}
+    for block in open_source(bag.path).blocks() if joints else ():
+        if block.channel.topic in joints:
+            told, stamps, speeds = velocities(block, names)
+            parts.setdefault(block.channel.topic, []).append((block.log_times[told], stamps, speeds))
+    found = {
+        topic: [np.concatenate(columns) for columns in zip(*each, strict=True)]
+        for topic, each in parts.items()
+        if any(len(stamps) for _, stamps, _ in each)
+    }
+    if not found:
+        heard = ", ".join(sorted(joints)) or "none of that type"
+        raise LogError(
+            f"{bag.path}: speeds of {', '.join(names)} are not recorded, expected a topic of {JOINTS} that has the "
+            f"velocities of joints of these names (topics: {heard}); record it, or leave the wheels out with --set "
+            "actuators=[] if they stood still"
+        )
+    topic = max(found, key=lambda name: len(found[name][0]))
+    log_times, stamps, speeds = found[topic]
+    return WheelSpeeds.of(topic, (stamps if stamps.any() else log_times) - zero_ns, speeds)

@@ -1,0 +1,194 @@
+"""Flights of bodies that recorded wheels turn: the inertia is found, or it is said what is missing.
+
+The flights are integrated by SciPy: wheels with friction, driven by torques that no recording has.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from foreign_bags import IMU, SENSOR, Row, header, imu, of, write_bag
+from scipy.integrate import solve_ivp
+
+import rb_dynamics as rb
+from rb_dynamics.analysis.wheel_speeds import wheel_speeds
+from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
+
+JOINTS = f"{SENSOR}JointState"
+NAMES = ("wheel_x", "wheel_y", "wheel_z")
+SECONDS = 8.0
+
+
+class Flight(NamedTuple):
+    """A body with three wheels: inertia with the wheels locked, axes, inertias; times (s), rates and wheel speeds."""
+
+    inertia: Any
+    axes: Any
+    wheels: Any
+    times: Any
+    rates: Any
+    speeds: Any
+
+    def scene(self, more: str = "", names: tuple[str, ...] = NAMES) -> rb.Scene:
+        """Return the scene with a rough inertia."""
+        wheels = "".join(
+            f"  - {{type: reaction_wheel, name: {name}, axis: {axis.tolist()}, inertia: {inertia}, max_torque: 1, "
+            "max_speed: 1.0e+4}\n"
+            for name, axis, inertia in zip(names, self.axes, self.wheels, strict=True)
+        )
+        rough = float(np.trace(self.inertia) / 3.0)
+        return rb.parse_scene(f"body: {{mass: 5, inertia: {{diagonal: {[rough] * 3}}}}}\nactuators:\n{wheels}{more}")
+
+
+def flown(seed: int) -> Flight:
+    """Fly a random body whose wheels are driven by random torques."""
+    rng = np.random.default_rng([seed, 8])
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    inertia = 0.1 * turn @ np.diag(rng.uniform(0.75, 1.25, 3)) @ turn.T
+    axes = np.linalg.qr(rng.standard_normal((3, 3)))[0] if seed % 2 else np.eye(3)
+    wheels = 0.1 * rng.uniform(0.01, 0.04, 3)
+    rest = np.linalg.inv(inertia - axes.T * wheels @ axes)
+    torques = 0.03 * rng.uniform(-1.0, 1.0, (int(SECONDS) * 2, 3))
+
+    def slope(t: float, state: Any, torque: Any) -> Any:
+        rate, speed = state[:3], state[3:]
+        on_wheels = torque - 1e-5 * speed - 1e-4 * np.tanh(speed)
+        change = rest @ (-np.cross(rate, inertia @ rate + axes.T @ (wheels * speed)) - axes.T @ on_wheels)
+        return np.hstack([change, on_wheels / wheels - axes @ change])
+
+    times, rows = np.arange(0, SECONDS, 0.01), []
+    state = np.hstack([0.5 * rng.standard_normal(3), rng.uniform(-50, 50, 3)])
+    for k, torque in enumerate(torques):
+        at = times[(times >= 0.5 * k - 1e-9) & (times < 0.5 * k + 0.5 - 1e-9)]
+        span = (0.5 * k, 0.5 * k + 0.5)
+        found = solve_ivp(slope, span, state, "DOP853", np.append(at, span[1]), args=(torque,), rtol=1e-11, atol=1e-12)
+        rows.append(found.y[:, :-1].T)
+        state = found.y[:, -1]
+    states = np.vstack(rows)
+    return Flight(inertia, axes, wheels, times, states[:, :3], states[:, 3:])
+
+
+def joints(stamp_ns: int, names: tuple[str, ...], speeds: Any) -> Any:
+    return of(JOINTS, header(stamp_ns, ""), list(names), np.zeros(0), np.array(speeds, float), np.zeros(0))
+
+
+def recorded(
+    flight: Flight,
+    folder: Path,
+    seed: int,
+    *,
+    noise: float = 0.0,
+    first: int = 0,
+    last: int | None = None,
+    every: int = 2,
+) -> Path:
+    """Write gyro, noisy, and speeds of the wheels, another joint among them, as another program does."""
+    rng, begin = np.random.default_rng([seed, 9]), 1_700_000_000 * 10**9
+    stamps = (begin + np.rint(flight.times * 1e9).astype(np.int64)).tolist()
+    gyro = flight.rates + 1e-3 * rng.standard_normal(flight.rates.shape)
+    told = flight.speeds + noise * rng.standard_normal(flight.speeds.shape)
+    rows: list[Row] = [
+        ("/imu", IMU, at + 1000, imu(at, (0, 0, 0, 1), rate, (0, 0, 0), (False, True, False)))
+        for at, rate in zip(stamps, gyro, strict=True)
+    ]
+    order = ("wheel_z", "boom", "wheel_x", "wheel_y")
+    rows += [
+        ("/joint_states", JOINTS, stamps[k] + 2000, joints(stamps[k], order, (told[k, 2], 3.0, *told[k, :2])))
+        for k in range(first, len(stamps) if last is None else last, every)
+    ]
+    return write_bag(folder, sorted(rows, key=lambda row: row[2]))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_the_inertia_of_a_body_turned_by_its_wheels_is_found(tmp_path: Path, noise: float) -> None:
+    """Nothing but the momentum of the wheels has a scale here; 95 % of the intervals contain the truth."""
+    within, count, errors = 0, 0, list[float]()
+    for seed in range(8):
+        flight = flown(seed)
+        found = rb.identify(
+            flight.scene(), [str(recorded(flight, tmp_path / str(seed), seed, noise=noise))], ["inertia"]
+        )
+        for number in found.parameters:
+            if re.fullmatch("inertia.[xyz]{2}", number.name):
+                i, j = ("xyz".index(axis) for axis in number.name[-2:])
+                assert number.interval is not None
+                assert number.standard_error is not None
+                within += number.interval[0] <= flight.inertia[i, j] <= number.interval[1]
+                errors.append(number.standard_error)
+                count += 1
+    assert count == 48
+    assert within >= 42
+    assert max(errors) < 2e-3
+
+
+def test_a_table_tells_the_speeds_in_columns(tmp_path: Path) -> None:
+    flight = flown(3)
+    path = tmp_path / "flight.csv"
+    names = ",".join(f"wheel_speed_{name}" for name in NAMES)
+    lines = [
+        ",".join([f"{at:.2f}", *(f"{x:.17g}" for x in rate), *(f"{x:.17g}" if k % 2 == 0 else "" for x in speed)])
+        for k, (at, rate, speed) in enumerate(zip(flight.times, flight.rates, flight.speeds, strict=True))
+    ]
+    text = "\n".join([f"time_s,gyro_x,gyro_y,gyro_z,{names}", *lines, ""])
+    path.write_text(text)
+    found = rb.identify(flight.scene(), [str(path)], ["inertia"])
+    assert np.allclose(found.body.inertia, flight.inertia, rtol=0.0, atol=1e-5)
+    path.write_text(text.replace("wheel_speed_wheel_", "rpm_"))
+    with pytest.raises(rb.LogError, match="no speeds of wheel_x, wheel_y, wheel_z, expected a column of each"):
+        rb.identify(flight.scene(), [str(path)], ["inertia"])
+    columns = {"gyro": ("gyro_x", "gyro_y", "gyro_z"), "wheels": ("rpm_x", "rpm_y", "rpm_z")}
+    again = rb.identify(flight.scene(), [str(path)], ["inertia"], columns=columns)
+    assert again.body.inertia == found.body.inertia
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    flight = flown(1)
+    late = recorded(flight, tmp_path / "late", 1, first=300)
+    with pytest.raises(rb.LogError, match=r"speeds of the wheels from 3 to 7\.98 s, and the motion is recorded from 0"):
+        rb.identify(flight.scene(), [str(late)], ["inertia"])
+    whole = str(recorded(flight, tmp_path / "whole", 1))
+    with pytest.raises(rb.LogError, match=r"speeds of left, right, up are not recorded.*topics: /joint_states"):
+        rb.identify(flight.scene(names=("left", "right", "up")), [whole], ["inertia"])
+    told = rb.identify(flight.scene("  - {type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: 1}\n"
+                                    "effects: [{type: magnetic_field, model: uniform, field_world: [1.0e-5, 0, 0]}]\n"),
+                       [whole], ["inertia"]).notes  # fmt: skip
+    assert any(note.endswith("rod: no command is recorded: taken to have done nothing") for note in told)
+    assert any("/joint_states: speeds of the wheels are taken as recorded" in note for note in told)
+
+
+def test_an_imbalance_or_a_commanded_thruster_is_refused(tmp_path: Path) -> None:
+    scene = rb.parse_scene(
+        "body: {mass: 5, inertia: {diagonal: [0.1, 0.1, 0.1]}, frames: {jet: {position: [0, 0, 1]}}}\n"
+        "initial: {angular_velocity_body: [0.1, 0.2, 0.3]}\n"
+        "actuators:\n"
+        "  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, max_torque: 1, max_speed: 1.0e+4,\n"
+        "     imbalance: {dynamic: 1.0e-9}}\n"
+        "  - {type: thruster, name: jet, frame: jet, force: 1, command: level}\n"
+        "duration: 1\noutput_rate: 100\n"
+    )
+    quiet, pushed = tmp_path / "quiet.mcap", tmp_path / "pushed.mcap"
+    rb.simulate(scene, sinks=[McapSink(quiet)])
+    with pytest.raises(rb.SceneError, match="actuators: found an imbalance of wheel"):
+        rb.identify(scene, [str(quiet)], ["inertia"])
+    rb.simulate(scene, [("jet/command", rb.Setpoint(0.5, 10**8))], sinks=[McapSink(pushed)])
+    with pytest.raises(rb.SceneError, match="actuators: found commands to jet, expected none but to reaction wheels"):
+        rb.identify(scene, [str(pushed)], ["inertia"])
+
+
+def test_speeds_without_stamps_count_from_when_they_were_logged(tmp_path: Path) -> None:
+    scene = flown(0).scene()
+    times = [10**9 + 10**7 * k for k in range(30) if k not in (7, 8)]
+    rows = [
+        ("/joints", JOINTS, at, joints(0, NAMES, (k, 2.0, float("nan") if k == 3 else 3.0)))
+        for k, at in enumerate(times)
+    ]
+    found = wheel_speeds(read_bag(write_bag(tmp_path / "bag", rows)), scene.wheels, 10**9)
+    assert found.time_ns.tolist() == [at - 10**9 for at in times if at != times[3]]
+    assert found.speeds[:, 0].tolist() == [k for k in range(28) if k != 3]
+    (remark,) = found.remarks
+    assert remark.endswith("as recorded, and as linear in between; it has 2 gaps, the longest of 0.03 s")
