@@ -546,7 +546,7 @@ def log_page() -> str:
     frames = {"thruster": {"position": [0.1, 0.0, 0.0]}}
     scene = rb.read_scene(
         ROOT / "config" / "slew.yaml",
-        {"duration": 1.0, "body.frames": frames, "wrenches": [{"topic": "wrench/body"}],
+        {"duration": 2.0, "body.frames": frames, "wrenches": [{"topic": "wrench/body"}],
          "effects": [{"type": "uniform_gravity", "acceleration_world": [0.0, 0.0, -9.8]}]},
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
