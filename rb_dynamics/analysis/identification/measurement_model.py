@@ -550,6 +550,7 @@ class Model:
                 np.empty((n, *columns.shape)),
                 np.empty((n if slopes else 0, STATE)),
                 np.empty((n if slopes else 0, *columns.shape)),
+                np.cumsum(np.diff(held[:, :12], axis=0, prepend=held[:1, :12]).any(axis=1), dtype=np.float64),
             )
             late = -1
             if derivatives and "delay.commands" in self.layout:
@@ -561,7 +562,7 @@ class Model:
             with np.errstate(all="ignore"):
                 advance(
                     state, columns, numbers, inverse, body_by, held, held_by, loads, lengths[these], steps[these],
-                    shifts, going_on, moves, *work, *seen
+                    shifts, going_on, moves, *work, *seen[:4]
                 )  # fmt: skip
             state, columns = seen.states[-1].copy(), seen.columns[-1].copy()
             seen = _Seen(*(part[going_on:] for part in seen))
@@ -872,8 +873,7 @@ class Model:
         by[:] = stream.mount @ by
         shown = inner @ stream.mount.T
         left = self._biased(z, f"accelerometer_bias[{number}].{stream.topic}", shown - stream.values, by)
-        # Between samples the jerk is near enough.
-        return left, np.gradient(shown, stream.time_ns / NANOSECONDS, axis=0)[:, :, None]
+        return left, _jerk(stream.time_ns / NANOSECONDS, shown, seen.pieces)[:, :, None]
 
     def _biased(self, z: Array, name: str, left: Array, by: Array) -> Array:
         """Return `left` with the bias of a sensor, if it is fitted, and put what that changes into `by`."""
@@ -902,12 +902,27 @@ class _Acting(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """States, columns and their rates at the samples of a stream."""
+    """States, columns and their rates at the samples of a stream, and the number of the piece of what is held."""
 
     states: Array
     columns: Array
     slopes: Array
     slopes_by: Array
+    pieces: Array
+
+
+def _jerk(seconds: Array, shown: Array, pieces: Array) -> Array:
+    """Return how fast a specific force (n, 3) changes; between samples that is near enough.
+
+    Where a wrench changes between two of them, the force steps: however a delay moves the samples, none crosses that.
+    """
+    found: Array = np.gradient(shown, seconds, axis=0)
+    steps = np.diff(pieces) != 0.0
+    slopes = np.where(steps[:, None], 0.0, np.diff(shown, axis=0) / np.diff(seconds)[:, None])
+    before, after = np.append(False, steps), np.append(steps, False)
+    found[before] = np.vstack([slopes, np.zeros((1, 3))])[before]
+    found[after] = np.vstack([np.zeros((1, 3)), slopes])[after]
+    return found
 
 
 def _inverse(inertia: Array) -> Array:

@@ -105,6 +105,22 @@ def test_derivatives_are_those_of_differences(late: float, lag: float) -> None:
                 )
 
 
+def test_the_jerk_of_an_accelerometer_knows_no_steps_of_wrenches() -> None:
+    """A delay that moves its samples moves none of them across a command."""
+    random = np.random.default_rng(0)
+    times, commands = np.arange(101) * 5_000_000, np.arange(5) * 100_000_000 + 1_234_567
+    streams = (Stream("imu", kind, times, np.zeros((101, 3)), gyro=kind == RATES) for kind in (RATES, ACCELERATION))
+    pose = Stream("pose", ATTITUDE, times, np.tile([0.0, 0.0, 0.0, 1.0], (101, 1)))
+    flight = Flight("steps", (pose, *streams), (WrenchSeries("a", commands, random.standard_normal((5, 15))),))
+    scene = parse_scene(SCENE.split("effects:", maxsplit=1)[0] + "initial: {angular_velocity_body: [1, 2, 1]}")
+    model = Model(scene, [flight], ("delay", "accelerometer"))
+    z, k = np.zeros(model.layout.count), model.layout["delay.imu"].at.start
+    z[model.layout["initial[0].angular_velocity_body"].at] = [1.0, 2.0, 1.0]
+    force = next(each for each in model.predict(z) if each.key[1] == ACCELERATION)
+    slope = _difference(model, z, k)[force.key]
+    np.testing.assert_allclose(force.by[:, :, k], slope, rtol=0.0, atol=0.05 * float(np.abs(slope).max()))
+
+
 def _difference(model: Model, z: Array, k: int) -> dict[tuple[str, str], Array]:
     step = np.zeros_like(z)
     step[k] = 1e-4 if any(n.startswith("delay") and b.at.start == k for n, b in model.layout.blocks.items()) else 1e-5
