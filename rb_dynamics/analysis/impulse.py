@@ -83,7 +83,7 @@ def wander(track: Track, turning: Iterable[Array], time_ns: Times) -> Array:
         return np.zeros(len(time_ns))
     values, at = track.pose.values, rows[0]
     turned = (rotation_vectors(unit_rows(values[at[block], 3:])) for block in _ends(len(at)))
-    result: Array = noise_of_path(turned, np.empty((0, 3))) ** 2 * squares
+    result: Array = noise_of_path(turned, np.empty((0, 3)), track.pose.time_ns[at[1:]]) ** 2 * squares
     give_back(values)
     return result
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import Array, in_blocks, parts
+from rb_dynamics.analysis.track import Array, Times, in_blocks, parts
 from rb_dynamics.numerics.growing_array import give_back, stored
 
 Labels = NDArray[np.int_]
@@ -100,13 +100,20 @@ def typical(values: Array, stretch: Labels) -> float:
     return _typical([np.linalg.norm(_thirds(rows, labels), axis=1) for rows, labels in blocks])
 
 
-def noise_of_path(steps: Iterable[Array], begin: Array) -> float:
+def typical_at(values: Array, time_ns: Times) -> float:
+    """Return the same of rows at these times, ascending, in one stretch."""
+    blocks = zip(in_blocks(values, 3), in_blocks(time_ns, 3), strict=True)
+    return _typical([np.linalg.norm(third_differences(rows, times), axis=1) for rows, times in blocks])
+
+
+def noise_of_path(steps: Iterable[Array], begin: Array, time_ns: Times) -> float:
     """Return the same of the sums of the steps, (k, 3) in each block, from `begin` on, (0, 3) or (1, 3)."""
-    before, last = np.empty((0, 3)), begin
+    before, last, first = np.empty((0, 3)), begin, 0
     sizes: list[Array] = []
     for block in steps:
         path = np.concatenate([before, np.cumsum(np.concatenate([last, block]), axis=0)])
-        sizes.append(np.linalg.norm(_thirds(path), axis=1))
+        sizes.append(np.linalg.norm(third_differences(path, time_ns[first : first + len(path)]), axis=1))
+        first += len(path[:-3])
         before, last = path[-3:-1], path[-1:]
     return _typical(sizes)
 
@@ -122,6 +129,24 @@ def _thirds(values: Array, stretch: Labels | None = None) -> Array:
     third: Array = values[3:] - 3.0 * values[2:-1] + 3.0 * values[1:-2] - values[:-3]
     within: Array = third if stretch is None else third[stretch[3:] == stretch[:-3]]
     return within
+
+
+def third_differences(values: Array, time_ns: Times) -> Array:
+    """Return third differences (n - 3, c) of rows at uneven times, of which a parabola leaves nothing.
+
+    They have the noise of those at even times, and are these there.
+    """
+    first, second, third = (np.maximum(np.diff(time_ns)[k : len(time_ns) - 3 + k], 1) * 1e-9 for k in range(3))
+    both, last, whole = first + second, second + third, first + second + third
+    # Divided differences, times second: samples of one stamp then count alone.
+    weights = np.stack(
+        [-second / (first * both * whole), 1.0 / (first * last), -1.0 / (both * third), second / (whole * last * third)]
+    )
+    weights *= np.sqrt(_THIRD / np.sum(weights**2, axis=0))
+    result: Array = weights[0, :, None] * values[:-3]
+    for k in (1, 2, 3):
+        result += weights[k, :, None] * values[k : len(values) - 3 + k]
+    return result
 
 
 def means(values: Array, stretch: Labels, size: int) -> tuple[Array, Labels]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.noise import noise_of_path, typical
+from rb_dynamics.analysis.noise import noise_of_path, typical_at
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
 from rb_dynamics.numerics.growing_array import give_back, stored
@@ -499,7 +499,8 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     """Return how the change of the pose in each interval agrees with the twist in the first of `readings`."""
     columns = slice(3, 6) if of == "attitude" else slice(0, 3)
     least = _LEAST_TURN if of == "attitude" else 1e-9 * _farthest(both.pose[:, :3])
-    floor = max(least, _ABOVE_NOISE * noise_of_path((both.changes(of, part) for part in both.rows()), np.zeros((1, 3))))
+    changes = (both.changes(of, part) for part in both.rows())
+    floor = max(least, _ABOVE_NOISE * noise_of_path(changes, np.zeros((1, 3)), both.time_ns))
     given, *others = readings
 
     def compared(reading: TwistReading) -> _Found | None:
@@ -582,7 +583,7 @@ def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor:
 def _noise(both: _Both, columns: slice) -> float:
     """Return the noise of the integral of the twist over a second; it grows with the root of the time."""
     twist = both.series[1]
-    level = typical(twist.values[:, columns], np.zeros(len(twist.time_ns), np.int_))
+    level = typical_at(twist.values[:, columns], twist.time_ns)
     return level * float(np.sqrt(np.median(np.diff(twist.time_ns)) * 1e-9))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.noise import typical
+from rb_dynamics.analysis.noise import typical_at
 from rb_dynamics.analysis.track import Array, TimeSeries, unit_rows
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
 
@@ -52,8 +52,7 @@ def rates_of(pose: TimeSeries) -> Rates | None:
     if not kept.any():
         return None
     twist = np.hstack([slope(moved), slope(turned)])[kept]
-    whole = np.zeros(len(time_ns), dtype=np.int_)
     path = np.concatenate([np.zeros((1, 3)), np.cumsum(turned, axis=0)])
     interval_s = float(np.median((before + after)[kept]))
-    linear, angular = (float(np.sqrt(2.0) * typical(rows, whole) / interval_s) for rows in (position, path))
+    linear, angular = (float(np.sqrt(2.0) * typical_at(rows, time_ns) / interval_s) for rows in (position, path))
     return Rates(TimeSeries("", time_ns[1:-1][kept], twist), (linear, angular), interval_s)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from noisy_recordings import pushed, recording
 
-from rb_dynamics.analysis.noise import centred, judge, means
+from rb_dynamics.analysis.noise import centred, judge, means, noise_of_path, typical_at
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import MASS_EXPLAINS, RunSummary, summarize
 from rb_dynamics.analysis.unexplained_wrench import Residual
@@ -135,6 +135,18 @@ def test_noise_is_told_and_means_take_no_two_stretches() -> None:
     assert np.bincount(of).tolist() == [125, 0, 175]
     np.testing.assert_allclose(mean[125], values[503:507].mean(axis=0))
     assert np.abs(centred(values, stretch)[500:503].mean(axis=0)).max() < 1e-12
+
+
+def test_motion_at_uneven_times_is_no_noise() -> None:
+    random = np.random.default_rng(3)
+    times = np.arange(1000) * 20_000_000 + random.integers(0, 8_000_000, 1000)
+    path = np.outer(times * 1e-9, [2.0, -1.0, 3.0]) + 1e-4 * random.standard_normal((1000, 3))
+    # The median length of three numbers whose standard deviation is 1.
+    assert typical_at(path, times) == pytest.approx(1.54e-4, rel=0.1)
+    steps = np.array_split(np.diff(path, axis=0), [500])
+    assert noise_of_path(steps, np.zeros((1, 3)), times) == pytest.approx(typical_at(path, times), rel=1e-6)
+    again = np.repeat(times[::2], 2)
+    assert typical_at(1e-4 * random.standard_normal((1000, 3)), again) == pytest.approx(1.54e-4, rel=0.1)
 
 
 def test_of_too_few_nothing_is_told() -> None:

@@ -8,6 +8,7 @@ from rb_dynamics.analysis.identification import rotations
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, VELOCITY, Stream
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.residual_whiteness import typical
+from rb_dynamics.analysis.noise import third_differences
 from rb_dynamics.analysis.track import Array
 
 Key = tuple[str, str, int]
@@ -67,5 +68,5 @@ def _third_differences(stream: Stream) -> Array:
     values = stream.values
     if stream.kind == ATTITUDE:
         steps = rotations.logarithms(rotations.products(rotations.conjugates(values[:-1]), values[1:]))
-        return np.diff(steps, n=2, axis=0)
-    return np.diff(values, n=3, axis=0)
+        values = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return third_differences(values, stream.time_ns)
