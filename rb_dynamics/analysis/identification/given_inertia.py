@@ -37,7 +37,7 @@ from rb_dynamics.analysis.identification.other_units import POSITIONS, is_far
 from rb_dynamics.analysis.identification.parameters import PLACES, rows_of
 from rb_dynamics.analysis.identification.residual_whiteness import bands_of, root_of, whiteness, widened
 from rb_dynamics.analysis.identification.residuals import EXPLAINED, noise_of
-from rb_dynamics.analysis.identification.sensor_noise import floor_of, is_smooth, noise_shown
+from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of, is_smooth, noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, sane, stacked
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, unit_rows
 from rb_dynamics.body.rigid_body import RigidBody
@@ -480,11 +480,13 @@ class _Judge:
         z: Array,
         base: npt.NDArray[np.int64],
         own: npt.NDArray[np.int64],
+        noise: dict[Key, float] | None = None,
     ) -> _Tried:
-        """Return a step with the parameters `own` besides those of the `base`."""
+        """Return a step with the parameters `own` besides those of the `base`; `noise` is that of each sensor."""
         from scipy.special import fdtrc
 
-        left, weighted = stacked(predicted, self.noise)
+        noise = self.noise if noise is None else noise
+        left, weighted = stacked(predicted, noise)
         by = weighted[:, np.concatenate([base, own])]
         covariance = covariance_of(by)
         step = -covariance @ (by.T @ left)
@@ -493,8 +495,7 @@ class _Judge:
         bands = bands_of(after, by, root, counts)
         parts = np.split(after.reshape(-1, 3), np.cumsum(counts)[:-1])
         white = all(
-            whiteness([part], [of])[0]
-            or float(np.sqrt(np.mean(part**2))) <= self.floor[each.key] / self.noise[each.key]
+            whiteness([part], [of])[0] or float(np.sqrt(np.mean(part**2))) <= self.floor[each.key] / noise[each.key]
             for part, of, each in zip(parts, bands, predicted, strict=True)
         )
         freedom = max(1.0, float(len(left) - by.shape[1]))
@@ -547,11 +548,31 @@ class _Judge:
             if not self._sane(predicted):
                 continue
             tried = self._tried(predicted, at, base, own)
+            if not tried.white and tried.level == 1.0:
+                at, tried = self._quieter(model, at, predicted, base, own)
             if best is None or tried.criterion < best.tried.criterion:
                 best = _Fitted(model, at, tried)
             if tried.white:
                 break
         return best
+
+    def _quieter(
+        self,
+        model: Model,
+        z: Array,
+        predicted: Sequence[Predicted],
+        base: npt.NDArray[np.int64],
+        own: npt.NDArray[np.int64],
+    ) -> tuple[Array, _Tried]:
+        """Return a fit that leaves less than the noise with each sensor weighted by what it leaves, and its last step.
+
+        A sensor between whose samples torques change shows more noise than it has. It then counts too little, and what
+        the others leave to it is not white.
+        """
+        left = {each.key: float(np.sqrt(np.mean(each.left**2))) for each in predicted}
+        noise = {key: max(min(level, left.get(key, level)), self.floor[key]) for key, level in self.noise.items()}
+        at = followed(model, z, noise)
+        return at, self._tried(list(model.predict(at)), at, base, own, noise)
 
     def _own(self, model: Model) -> list[str]:
         """Return the blocks of a model besides the start."""

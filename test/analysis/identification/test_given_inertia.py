@@ -11,6 +11,7 @@ from noisy_recordings import Recording, flipping, recording, scene_of, shaken, s
 
 from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification import given_inertia
+from rb_dynamics.analysis.identification.flights import RATES
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
@@ -80,6 +81,20 @@ def test_an_error_of_two_per_cent_is_found_with_its_standard_error() -> None:
     assert (np.abs(off) < 5.0 * np.array(other.moment_errors)).all()
     assert "does NOT explain the motion" in (said := residual_sentence(other, 0))
     assert " ± " in said
+
+
+def test_a_sensor_that_shows_more_noise_than_it_has_hides_no_inertia() -> None:
+    """As where torques change between its samples."""
+    made = recording(31)
+    track = track_of(made, moments=1.1)
+    assert track.twist is not None
+    part = given_inertia._part(track, track.twist, None)
+    assert part is not None
+    judge = given_inertia._Judge(made.scene(moments=1.1).body, *part)
+    judge.noise = {key: (10.0 if key[1] == RATES else 1.0) * level for key, level in judge.noise.items()}
+    found = judge._inertia()
+    assert found is not None
+    assert found.explains
 
 
 def test_the_part_that_is_fitted_is_said() -> None:
