@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, w
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
+from rb_dynamics.analysis.thruster_pushes import pushes
 from rb_dynamics.analysis.track import (
     LARGEST,
     Array,
@@ -39,6 +40,8 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
+from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
@@ -597,9 +600,12 @@ class _TrackReader:
             f"{topic}: {self.bag.unset[topic]} of {self.bag.topics[topic].count} commands have no stamp: {WHEN}."
             for topic in sorted({*chosen} & {*self.bag.unset})
         )
-        steps = tuple(
-            _steps(self.bag, topic, frames, channels.get(topic), self._line(topic), self.notes)
-            for topic in sorted(chosen)
+        steps = (
+            *(
+                _steps(self.bag, topic, frames, channels.get(topic), self._line(topic), self.notes)
+                for topic in sorted(chosen)
+            ),
+            *([] if own else self._thrusters(frames, {*chosen})),
         )
         for held in steps:
             if not held.known.all() and not held.standing:
@@ -609,7 +615,28 @@ class _TrackReader:
                     "A scene says what frames are, with body.frame, world_frame and body.frames: "
                     + ("declare these there." if self.scene else "give it with --scene SCENE.")
                 )
-        return steps, own or bool(chosen)
+        return steps, own or bool(steps)
+
+    def _thrusters(self, frames: WrenchFrames, told: set[str]) -> Iterator[RecordedWrench]:
+        """Yield what the thrusters of the scene did by their commands, but for those of which `told` says it."""
+        if self.scene is None:
+            return
+        for thruster in self.scene.actuators:
+            mine = [name for name in self.bag.actuated_of(thruster) if self.bag.topics[name].count]
+            mine = [name for name in mine if not self._distance(name)] or mine
+            if not isinstance(thruster, Thruster) or not mine or mine[0].removesuffix(COMMAND) + APPLIED in told:
+                continue
+            if len(mine) > 1:
+                self.doubt = self.doubt or f"cannot tell which of {', '.join(mine)} commands {thruster.name}"
+                continue
+            log_times, values = self.bag.scalars(mine[0])
+            times, rows = pushes(thruster, self.scene, self._line(mine[0]).stamps(log_times), values)
+            self.uses[mine[0]] = "commands"
+            self.notes.append(f"{mine[0]}: {thruster.name} is taken to have pushed as commanded.")
+            yes = np.ones(len(times), dtype=bool)
+            yield RecordedWrench(
+                mine[0], times, rows[:, :3], rows[:, 3:], ~yes, yes, yes, (frames.body_frame,), channel=Channel()
+            )
 
     def _of_body_here(self, topics: Sequence[str]) -> list[str]:
         """Return those of wrench `topics` that act on the body whose motion is used."""
@@ -665,8 +692,11 @@ class _TrackReader:
         """
         found, doubt = list[str](), ""
         if self.scene is not None:
-            acting = (*self.scene.combined_effects.varying, *(each.kind for each in self.scene.actuators))
-            found = [*dict.fromkeys(acting)]
+            known = {each.topic for each in wrenches}
+            doing = [each for each in self.scene.actuators if known.isdisjoint(self.bag.actuated_of(each))]
+            kinds = {each.kind for each in self.scene.actuators}
+            varying = [kind for kind in self.scene.combined_effects.varying if kind not in kinds]
+            found = [*dict.fromkeys([*varying, *(each.kind for each in doing)])]
             told = {each.topic: each.channel for each in wrenches if not each.topic.endswith(APPLIED)}
             doubt = which_channel(told, self.scene)
         joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
@@ -687,7 +717,7 @@ class _TrackReader:
         source = self.bag.topics[topic]
         if RUN in self.bag.metadata or not source.count or source.stamps_given:
             return ClockLine()
-        if source.type_name in WRENCHES and (told := in_bursts(topic, source.log_times)):
+        if source.type_name in (*WRENCHES, SCALAR) and (told := in_bursts(topic, source.log_times)):
             self.doubt = self.doubt or f"cannot tell when {topic} acted: {told}"
         if not stamped:
             return ClockLine()
@@ -696,7 +726,7 @@ class _TrackReader:
             return ClockLine()
         line = StampClock.of(self.bag.topics[stamped].log_times, stamps).line
         off_s = max(line.error_s, line.ends_s)
-        if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in WRENCHES:
+        if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in (*WRENCHES, SCALAR):
             self.doubt = self.doubt or (
                 f"cannot tell when {topic} acted, which has no stamps: log times leave a line against the stamps of "
                 f"{stamped} by {off_s:.3g} s; record by the clock of the stamps, or commands with stamps"

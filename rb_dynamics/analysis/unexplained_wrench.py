@@ -320,9 +320,10 @@ def _share(found: InertiaScore, track: Track) -> float:
 
 
 def _actuated(track: Track) -> str:
-    """Return the commands to actuators whose wrenches are not in the bag; those of thrusters are, in a log."""
-    bag = track.bag
-    return ", ".join(name for name in bag.actuated if name.removesuffix(COMMAND) + APPLIED not in bag.topics)
+    """Return the commands to actuators whose wrenches are not known; those of thrusters are, in a log or by a scene."""
+    bag, known = track.bag, {each.topic for each in track.wrenches}
+    told = {name for name in bag.actuated if name in known or name.removesuffix(COMMAND) + APPLIED in bag.topics}
+    return ", ".join(name for name in bag.actuated if name not in told)
 
 
 def _is_mistimed(track: Track, time_ns: Times, turn: _Pushed, stretch: Labels, left: float) -> bool:

@@ -34,7 +34,7 @@ from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.message_fields import is_other
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.loads.actuator import COMMAND, Actuator
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock
@@ -96,6 +96,11 @@ class Bag:
         return sorted(
             name for name, topic in self.topics.items() if topic.type_name == types.SCALAR and name.endswith(COMMAND)
         )
+
+    def actuated_of(self, actuator: Actuator) -> list[str]:
+        """Return the names of the topics that are taken for commands to one actuator, in any namespace."""
+        name = self.called(actuator.topic)
+        return [each for each in self.actuated if each == name or f"/{each}".endswith(f"/{actuator.topic}")]
 
     @property
     def ended(self) -> bool:

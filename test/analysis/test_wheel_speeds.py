@@ -161,14 +161,14 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     assert any("/joint_states: speeds of the wheels are taken as recorded" in note for note in told)
 
 
-def test_an_imbalance_or_a_commanded_thruster_is_refused(tmp_path: Path) -> None:
+def test_an_imbalance_or_a_ramp_that_is_logged_at_outputs_alone_is_refused(tmp_path: Path) -> None:
     scene = rb.parse_scene(
         "body: {mass: 5, inertia: {diagonal: [0.1, 0.1, 0.1]}, frames: {jet: {position: [0, 0, 1]}}}\n"
         "initial: {angular_velocity_body: [0.1, 0.2, 0.3]}\n"
         "actuators:\n"
         "  - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, max_torque: 1, max_speed: 1.0e+4,\n"
         "     imbalance: {dynamic: 1.0e-9}}\n"
-        "  - {type: thruster, name: jet, frame: jet, force: 1, command: level}\n"
+        "  - {type: thruster, name: jet, frame: jet, force: 1, command: level, rise: 0.1}\n"
         "duration: 1\noutput_rate: 100\n"
     )
     quiet, pushed = tmp_path / "quiet.mcap", tmp_path / "pushed.mcap"
@@ -176,7 +176,7 @@ def test_an_imbalance_or_a_commanded_thruster_is_refused(tmp_path: Path) -> None
     with pytest.raises(rb.SceneError, match="actuators: found an imbalance of wheel"):
         rb.identify(scene, [str(quiet)], ["inertia"])
     rb.simulate(scene, [("jet/command", rb.Setpoint(0.5, 10**8))], sinks=[McapSink(pushed)])
-    with pytest.raises(rb.SceneError, match="actuators: found commands to jet, expected none but to reaction wheels"):
+    with pytest.raises(rb.SceneError, match="actuators: found commands to jet, expected only wheels, and thrusters"):
         rb.identify(scene, [str(pushed)], ["inertia"])
 
 

@@ -27,6 +27,7 @@ from rb_dynamics.analysis.identification.flights import (
     WrenchSeries,
     acting_elsewhere,
     commanded,
+    unknown_commands,
 )
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import Array, Times, unit_rows
@@ -119,14 +120,16 @@ def read_csv_flight(
         world, gyro = quantity == "velocity_world", quantity == "gyro"
         streams.append(Stream(quantity, _KINDS[quantity], at, values, world=world, gyro=gyro))
     channels = [*_wrench(found, times - zero, scene, path)]
-    channels += acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
+    elsewhere, heard = acting_elsewhere(commands, scene, zero, end, path, notes, TopicChoice(wrenches=wrench_topics))
+    channels += elsewhere
+    unknown = unknown_commands(scene, heard, False, notes)
     notes += [] if channels else [NO_WRENCH]
     wheels = None
     if turning:
         wheels = WheelSpeeds.of("wheels", times - zero, found["wheels"])
         wheels.require(0, end - zero, path)
         notes += wheels.remarks
-    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels)
+    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, commanded=unknown)
     return flight.between_commands()
 
 

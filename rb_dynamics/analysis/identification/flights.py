@@ -23,7 +23,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, Tim
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
-from rb_dynamics.loads.actuator import Actuator
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import Bag, read_bag
@@ -107,7 +107,7 @@ class Flight:
         zero_ns: the stamp at which its times begin.
         frames_to_choose: as in `Track`.
         wheels: speeds of the reaction wheels of the scene.
-        commanded: names of its thrusters and magnetorquers for which there are commands.
+        commanded: names of its magnetorquers, and thrusters, that are commanded and whose wrench is not known.
     """
 
     name: str
@@ -461,19 +461,16 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
     wheels = wheel_speeds(bag, scene.wheels, zero) if scene.wheels else None
     notes += wheels.remarks if wheels else []
-    others = [each for each in scene.actuators if each not in scene.wheels]
-    heard = [each for each in others if (name := _as_command(bag, each)) and bag.topics[name].count]
-    if quiet := ", ".join(each.name for each in others if each not in heard):
-        notes.append(f"{quiet}: no command is recorded: taken to have done nothing")
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     notes += _jumps(track, {each.kind for each in streams}, zero)
     end = track.span_ns[1]
     channels = _channels(track, scene, zero, end, path, notes)
     motion = next((each.topic for each in track.motion), "")
-    channels += acting_elsewhere(
-        commands, scene, zero, end, path, notes, TopicChoice(wrenches=choice.wrenches, near=motion)
-    )
+    choice = TopicChoice(wrenches=choice.wrenches, near=motion)
+    elsewhere, heard = acting_elsewhere(commands, scene, zero, end, path, notes, choice)
+    channels += elsewhere
+    unknown = unknown_commands(scene, heard | commanded_in(bag, scene), own, notes)
     moved = tuple((track.moved_ns - zero).tolist())
     found = Flight(
         path,
@@ -485,7 +482,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         zero,
         track.frames_to_choose,
         wheels,
-        tuple(each.name for each in heard),
+        unknown,
     )
     if wheels:
         wheels.require(*found.span_ns, path)
@@ -494,14 +491,29 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
 
 def _of_actuators(bag: Bag, scene: Scene) -> list[str]:
     """Return a remark on commands to actuators that the scene does not have."""
-    told = ", ".join(sorted({*bag.actuated} - {_as_command(bag, each) for each in scene.actuators}))
+    told = ", ".join(sorted({*bag.actuated}.difference(*map(bag.actuated_of, scene.actuators))))
     return [f"{told}: taken for commands to actuators, which the scene does not have"] if told else []
 
 
-def _as_command(bag: Bag, actuator: Actuator) -> str:
-    """Return the topic of the commands to an actuator, in any namespace; "" if there is none."""
-    name = bag.called(actuator.topic)
-    return next((each for each in bag.actuated if each == name or each.endswith(f"/{actuator.topic}")), "")
+def commanded_in(bag: Bag, scene: Scene) -> set[str]:
+    """Return the names of the actuators of the scene to which a bag has commands."""
+    return {each.name for each in scene.actuators if any(bag.topics[name].count for name in bag.actuated_of(each))}
+
+
+def unknown_commands(scene: Scene, heard: set[str], own: bool, notes: list[str]) -> tuple[str, ...]:
+    """Return the names of actuators that did what is not known of those `heard`; `notes` receives those that are not.
+
+    What wheels did is recorded, what thrusters did follows from their commands. In a log of this package (`own`) that
+    is logged, but the ramp of a thruster at outputs alone.
+    """
+    others = [each for each in scene.actuators if each not in scene.wheels]
+    if quiet := ", ".join(each.name for each in others if each.name not in heard):
+        notes.append(f"{quiet}: no command is recorded: taken to have done nothing")
+    return tuple(
+        each.name
+        for each in others
+        if each.name in heard and not (isinstance(each, Thruster) and not (own and (each.rise or each.fall)))
+    )
 
 
 def _jumps(track: Track, kinds: Set[str], zero: int) -> list[str]:
@@ -600,26 +612,29 @@ def acting_elsewhere(
     path: str,
     notes: list[str],
     choice: TopicChoice | None = None,
-) -> list[WrenchSeries]:
+) -> tuple[list[WrenchSeries], set[str]]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
+
+    The second part are the names of the actuators of the scene that they command.
 
     `notes` receives remarks for the user about them; `choice` says which are the body's.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
     """
-    channels = []
+    channels, heard = list[WrenchSeries](), set[str]()
     for other in commands:
         bag = read_bag(other)
         found = read_track(bag, scene, choice)
+        heard |= commanded_in(bag, scene)
         if lost := loss(bag.complete, bag.metadata):
             notes.append(f"{other} {lost}")
         if bag.unset:
             notes.append(unset_stamps.told(other))
-        if not found.wrenches:
+        if not (found.wrenches or heard):
             raise LogError(f"{other}: found no wrench topic, expected the commands of {path}; name another bag")
         channels += _channels(found, scene, zero, end_ns, path, notes)
-    return channels
+    return channels, heard
 
 
 def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, notes: list[str]) -> list[WrenchSeries]:

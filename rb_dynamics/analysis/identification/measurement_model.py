@@ -243,8 +243,8 @@ class Model:
         wheels = self.scene.wheels
         if others := ", ".join(sorted({name for flight in self.flights for name in flight.commanded})):
             raise SceneError(
-                f"{source}: actuators: found commands to {others}, expected none but to reaction wheels, as "
-                f"{left_out}; cut the recording to before or after them, with convert --from or --to"
+                f"{source}: actuators: found commands to {others}, expected only wheels, and thrusters whose force is "
+                "known throughout; cut the recording to before or after them, with convert --from or --to"
             )
         if shaking := ", ".join(wheel.name for wheel in wheels if not wheel.is_balanced):
             raise SceneError(

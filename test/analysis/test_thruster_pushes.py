@@ -1,0 +1,93 @@
+"""Thrusters push as commanded: what a bag of another program says of their commands gives what acted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fired_thrusters import BEGIN, FITTED, SCENE, commands, contained, recorded, rough
+from foreign_bags import of, write_bag
+
+import rb_dynamics as rb
+from rb_dynamics.analysis.identification.flights import flight_of
+from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.thruster_pushes import pushes
+from rb_dynamics.logs.bag_reader import read_bag
+
+
+def test_mass_centre_and_inertia_are_found_from_the_firings(tmp_path: Path) -> None:
+    """Delays, ramps, replaced and rejected pulses count; `tools/calibrate_thrusters.py` tries more flights."""
+    scene, within = rb.parse_scene(SCENE), list[bool]()
+    for seed in range(100, 105):
+        bag = recorded(tmp_path / str(seed), scene, seed)
+        found = rb.identify(rough(), [str(bag)], FITTED)
+        within += contained(found, scene)
+        assert found.body.mass == pytest.approx(12.0, rel=3e-3)
+    assert len(within) == 50
+    assert sum(within) >= 43
+
+
+def test_a_thruster_is_calibrated(tmp_path: Path) -> None:
+    """Of a known body; the scene takes one of three for stronger than it is."""
+    bag = recorded(tmp_path / "bag", rb.parse_scene(SCENE), 7)
+    found = rb.identify(rb.parse_scene(SCENE.replace("force: 2", "force: 2.5")), [str(bag)], ["wrench_scale"])
+    scales = {each.name: each.value for each in found.parameters if each.name.startswith("wrench_scale")}
+    assert scales == {
+        "wrench_scale./sat/jet_a/command": pytest.approx(0.8, rel=3e-3),
+        "wrench_scale./sat/jet_b/command": pytest.approx(1.0, rel=3e-3),
+        "wrench_scale./sat/jet_c/command": pytest.approx(1.0, rel=3e-3),
+    }
+
+
+def test_inspect_finds_nothing_else_that_acted_and_a_force_that_is_wrong(tmp_path: Path) -> None:
+    scene = rb.parse_scene(SCENE)
+    bag = recorded(tmp_path / "bag", scene, 8)
+    right = summarize(read_track(read_bag(bag), scene))
+    assert not [check.name for check in right.checks if not check.passed]
+    wrong = summarize(read_track(read_bag(bag), rb.parse_scene(SCENE.replace("force: 2", "force: 4"))))
+    assert [check.name for check in wrong.checks if not check.passed]
+
+
+def test_pushes_have_the_impulses_of_their_commands() -> None:
+    scene = rb.parse_scene(SCENE)
+    _, _, jet = scene.actuators
+    times, rows = pushes(jet, scene, np.array([0, 10**9]), np.array([0.3, 0.2]))  # type: ignore[arg-type]
+    spans = np.diff(times) * 1e-9
+    assert rows[-1].tolist() == [0.0] * 6
+    assert (rows[:-1, 0] * spans).sum() == pytest.approx(0.5, rel=1e-12)
+
+
+def test_what_is_taken_for_granted_is_said(tmp_path: Path) -> None:
+    rod = "  - {type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: 1}\n"
+    field = "effects: [{type: magnetic_field, model: uniform, field_world: [1.0e-5, 0, 0]}]\n"
+    scene = rb.parse_scene(SCENE.replace("duration", f"{rod}{field}duration"))
+    told = flight_of(read_bag(recorded(tmp_path / "bag", rb.parse_scene(SCENE), 9)), scene).notes
+    assert "rod: no command is recorded: taken to have done nothing" in told
+    assert sum("is taken to have pushed as commanded" in note for note in told) == 3
+
+
+def test_commands_may_be_in_a_bag_of_their_own(tmp_path: Path) -> None:
+    """One to a magnetorquer is refused there, too: what it did is not known."""
+    scene = rb.parse_scene(SCENE)
+    sent = commands(np.random.default_rng([10, 31]))
+    rows = [
+        (f"/{topic}", "std_msgs/msg/Float64", BEGIN + each.stamp_ns, of("std_msgs/msg/Float64", each.value))
+        for topic, each in sent
+    ]
+    apart = write_bag(tmp_path / "commands", rows)
+    whole = recorded(tmp_path / "whole", scene, 10)
+    moved = read_bag(whole)
+    found = flight_of(moved, scene, [str(apart)])
+    mine = {each.topic: each for each in found.channels if each.topic.startswith("/jet")}
+    for name in ("a", "b", "c"):
+        there = next(each for each in found.channels if each.topic == f"/sat/jet_{name}/command")
+        assert mine[f"/jet_{name}/command"].time_ns.tolist() == there.time_ns.tolist()
+        assert mine[f"/jet_{name}/command"].held.tolist() == there.held.tolist()
+    rod = "  - {type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: 1}\n"
+    field = "effects: [{type: magnetic_field, model: uniform, field_world: [1.0e-5, 0, 0]}]\n"
+    driven = write_bag(tmp_path / "rod", [*rows, ("/rod/command", *rows[-1][1:])])
+    with pytest.raises(rb.SceneError, match="actuators: found commands to rod, expected only wheels, and thrusters"):
+        rb.identify(rb.parse_scene(SCENE.replace("duration", f"{rod}{field}duration")), [str(whole)], ["mass"],
+                    commands=[str(driven)])  # fmt: skip
