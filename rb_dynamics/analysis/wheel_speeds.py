@@ -11,7 +11,7 @@ from rb_dynamics.analysis.gaps import after_gaps, longest_usual
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import open_source
-from rb_dynamics.formats.joint_states import velocities
+from rb_dynamics.formats.joint_states import names_of, velocities
 from rb_dynamics.formats.message_types import JOINTS
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.logs.bag_reader import Bag
@@ -75,10 +75,12 @@ def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], zero_ns: int) -> Whe
     """
     names = [wheel.name for wheel in wheels]
     parts: dict[str, list[tuple[Times, Times, Array]]] = {}
+    listed: dict[str, list[str]] = {}
     joints = {topic.name for topic in bag.topics.values() if topic.type_name == JOINTS}
     for block in open_source(bag.path).blocks() if joints else ():
         if block.channel.topic in joints:
             told, stamps, speeds = velocities(block, names)
+            listed.setdefault(block.channel.topic, names_of(block))
             parts.setdefault(block.channel.topic, []).append((block.log_times[told], stamps, speeds))
     found = {
         topic: [np.concatenate(columns) for columns in zip(*each, strict=True)]
@@ -86,11 +88,11 @@ def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], zero_ns: int) -> Whe
         if any(len(stamps) for _, stamps, _ in each)
     }
     if not found:
-        heard = ", ".join(sorted(joints)) or "none of that type"
+        heard = "; ".join(f"{topic} has {', '.join(each) or 'no joint'}" for topic, each in sorted(listed.items()))
         raise LogError(
             f"{bag.path}: speeds of {', '.join(names)} are not recorded, expected a topic of {JOINTS} that has the "
-            f"velocities of joints of these names (topics: {heard}); record it, or leave the wheels out with --set "
-            "actuators=[] if they stood still"
+            f"velocities of joints of these names ({heard or 'no such topic'}); name the wheels of the scene like the "
+            "joints, or leave them out with --set actuators=[] if they stood still"
         )
     topic = max(found, key=lambda name: len(found[name][0]))
     log_times, stamps, speeds = found[topic]

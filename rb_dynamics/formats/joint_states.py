@@ -51,6 +51,14 @@ def velocities(block: MessageBlock, names: Sequence[str]) -> tuple[NDArray[np.bo
     return whole, np.concatenate(stamps)[whole], np.vstack(found)[whole]
 
 
+def names_of(block: MessageBlock) -> list[str]:
+    """Return the joints in the first message; none if it is damaged."""
+    try:
+        return [name for (name,) in cdr.decode(JOINTS, block.rows()[0][0].tobytes())[2]]
+    except LogError:
+        return []
+
+
 def _places(message: bytes, names: Sequence[str]) -> tuple[list[int], list[int]]:
     """Return where numbers of 8 bytes are, the stamp first, and where the velocities of `names`; of a damaged one none.
 
