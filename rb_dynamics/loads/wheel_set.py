@@ -26,6 +26,7 @@ from rb_dynamics.loads.wheel_numbers import (
     FREE,
     HELD,
     MOTOR,
+    POINT,
     begin_wheel,
     bend_and_noise,
     command_wheel,
@@ -195,7 +196,14 @@ class WheelSet:
 
     def shaking(self, omega: Vector, states: Sequence[float]) -> tuple[Vector, Vector]:
         """Return force (N) and torque about the centre of mass (N m) of the imbalances, principal axes."""
-        return shaking(self.imbalances, self.speeds(omega, states), self._angles(states))
+        speeds = list(self.speeds(omega, states))
+        for k, *_ in self.imbalances:
+            a = BEFORE + k * EACH
+            # The speed of a wheel held at rest is rounded. As the only force on a body, its square would be an error as
+            # large as the distance that the body covers, in a step of any length.
+            if self._now[a + HELD] != FREE and self._now[a + POINT] == 0.0:
+                speeds[k] = 0.0
+        return shaking(self.imbalances, speeds, self._angles(states))
 
     def sight(self, omega: Vector, states: Sequence[float]) -> float:
         """Return for how long (s) the present loads of the imbalances predict those ahead."""

@@ -123,6 +123,20 @@ def test_a_state_from_outside_keeps_the_books_and_the_angles() -> None:
     assert np.abs(sink.angular_momentum_defect_world).max() < 1e-14
 
 
+@pytest.mark.parametrize("how", ["friction: {coulomb: 1.0e-4}", "command: speed, max_torque: 0.01"])
+def test_a_wheel_at_rest_shakes_nothing(how: str) -> None:
+    """What the speed of a held wheel rounds to moved a body that only turns, and no step was short enough for that."""
+    scene = rb.parse_scene(f"""
+    body: {{mass: 10, inertia: {{diagonal: [0.05, 0.12, 0.14]}}}}
+    initial: {{angular_velocity_body: [0.1, 0.2, 0.3]}}
+    actuators:
+      - {{type: reaction_wheel, name: a, axis: [0, 0, 1], inertia: 1.0e-4, {how},
+         imbalance: {{static: 1.0e-6, dynamic: 1.0e-8}}, position: [0.05, 0, 0.02]}}
+    duration: 1
+    """)
+    assert rb.simulate(scene).sample.position_world == (0.0, 0.0, 0.0)
+
+
 def test_no_imbalance_has_the_bits_of_a_wheel_without_the_key() -> None:
     none = TWO.replace("imbalance: {static: 1.0e-5, dynamic: 1.0e-6, phase: 0.4}, ", "imbalance: {phase: 0.4}, ")
     none = none.replace("imbalance: {dynamic: 3.0e-8}", "imbalance: {}")
