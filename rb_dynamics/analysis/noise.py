@@ -59,26 +59,40 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
         stretch: number of the stretch of each row, ascending.
         steps: (n,) variance of the noise that each row adds to all after it; None for none.
     """
-    wander = 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
     size = _NEIGHBOURS if len(values) >= _NEIGHBOURS * 2 * _LEAST_MEANS else 1
-    level, beyond = np.inf, False
+    level, beyond, whole = np.inf, False, 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
     sizes: list[int] = []
     while True:
-        mean, of = means(values, stretch, size)
+        mean, of, lengths = _in_long(*means(values, stretch, size))
         third = _thirds(mean, of)
-        count = len(mean) - len(np.unique(of))
-        if len(third) < _LEAST_MEANS - 3 or count < _LEAST_MEANS - 1:
+        if len(third) < _LEAST_MEANS - 3:
             if size == 1 or sizes:
-                return Noise(level, beyond, tuple(sizes), wander)
+                return Noise(level, beyond, tuple(sizes), whole)
             size = 1
             continue
-        noise = float(np.sum(third**2)) / len(third) / _THIRD
+        # The noise may differ from stretch to stretch, so each has the same weight in both.
+        weights = np.repeat((lengths - 1.0) / (lengths - 3.0), lengths - 3)
+        count = float(np.sum(lengths - 1))
+        noise = float(weights @ np.sum(third**2, axis=1)) / count / _THIRD
         spread = float(np.sum(centred(mean, of) ** 2)) / count
         level = level if sizes else float(np.sqrt(size * noise))
-        accepted = (1.0 + _BEYOND * np.sqrt(_SPREAD / len(third))) * noise + wander / (size * count)
+        here = np.isin(stretch, of)
+        wander = 0.0 if steps is None else _BEYOND * _wander(steps[here], stretch[here])
+        variance = _SPREAD * float(np.sum(weights**2)) / count**2
+        accepted = (1.0 + _BEYOND * np.sqrt(variance)) * noise + wander / (size * count)
         beyond = beyond or bool(spread > accepted)
         sizes.append(size)
         size *= 2
+
+
+def _in_long(mean: Array, of: Labels) -> tuple[Array, Labels, NDArray[np.intp]]:
+    """Return the rows of stretches long enough for a third difference, their stretches, and how many each has."""
+    lengths = np.diff(_begins(of), append=len(of))
+    long = lengths > 3
+    if long.all():
+        return mean, of, lengths
+    rows = np.repeat(long, lengths)
+    return mean[rows], of[rows], lengths[long]
 
 
 def _wander(steps: Array, stretch: Labels) -> float:

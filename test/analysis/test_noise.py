@@ -137,6 +137,17 @@ def test_noise_is_told_and_means_take_no_two_stretches() -> None:
     assert np.abs(centred(values, stretch)[500:503].mean(axis=0)).max() < 1e-12
 
 
+def test_noise_that_grows_from_stretch_to_stretch_is_no_change() -> None:
+    """As of a body that falls faster and faster, where the noise of its attitude turns its velocity."""
+    random = np.random.default_rng(4)
+    lengths = [12] * 8 + [3] * 80
+    stretch = np.repeat(np.arange(len(lengths)), lengths)
+    size = np.repeat(np.linspace(0.01, 1.0, len(lengths)), lengths)[:, None]
+    values = size * random.standard_normal((len(stretch), 3))
+    assert not judge(values, stretch).beyond
+    assert judge(values + np.sin(np.arange(len(stretch)) * 0.3)[:, None], stretch).beyond
+
+
 def test_motion_at_uneven_times_is_no_noise() -> None:
     random = np.random.default_rng(3)
     times = np.arange(1000) * 20_000_000 + random.integers(0, 8_000_000, 1000)
