@@ -83,17 +83,18 @@ class TopicChoice:
 
 
 def read_track(
-    bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None, *, spikes: bool = False
+    bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None, *, spikes: bool = False, wheels: str = ""
 ) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
-    Spikes of a twist are named, and left out unless `spikes` are wanted.
+    Spikes of a twist are named, and left out unless `spikes` are wanted. The topic `wheels` tells how the reaction
+    wheels of the scene turn.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
             damaged.
     """
-    return _TrackReader(bag, scene, choice or TopicChoice()).track(spikes)
+    return _TrackReader(bag, scene, choice or TopicChoice(), wheels).track(spikes)
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class _Mount:
 class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
-    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice) -> None:
+    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: str) -> None:
         self.notes: list[str] = []
         if scene is not None and RUN in bag.metadata:
             self.notes.append(
@@ -150,7 +151,7 @@ class _TrackReader:
                 "the momenta with which it ran."
             )
             scene = None
-        self.bag, self.scene, self.choice = bag, scene, choice
+        self.bag, self.scene, self.choice, self.wheels = bag, scene, choice, wheels
         self.uses: dict[str, str] = {}
         self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
@@ -693,13 +694,22 @@ class _TrackReader:
         found, doubt = list[str](), ""
         if self.scene is not None:
             known = {each.topic for each in wrenches}
-            doing = [each for each in self.scene.actuators if known.isdisjoint(self.bag.actuated_of(each))]
+            told_wheels = self.scene.wheels if self.wheels else ()
+            doing = [
+                each.kind
+                for each in self.scene.actuators
+                if each not in told_wheels and known.isdisjoint(self.bag.actuated_of(each))
+            ]
             kinds = {each.kind for each in self.scene.actuators}
             varying = [kind for kind in self.scene.combined_effects.varying if kind not in kinds]
-            found = [*dict.fromkeys([*varying, *(each.kind for each in doing)])]
+            found = [*dict.fromkeys([*varying, *doing])]
             told = {each.topic: each.channel for each in wrenches if not each.topic.endswith(APPLIED)}
             doubt = which_channel(told, self.scene)
-        joints = [each.name for each in self.bag.topics.values() if each.type_name == JOINTS and each.count]
+        joints = [
+            each.name
+            for each in self.bag.topics.values()
+            if each.type_name == JOINTS and each.count and each.name != self.wheels
+        ]
         return "; ".join(
             [self.doubt] * bool(self.doubt)
             + [f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt)

@@ -17,6 +17,9 @@ from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
+# A curve between two samples has this many straight parts: they are nearer to it than the chord by its square.
+_FINER = 4
+
 
 class WheelSpeeds(NamedTuple):
     """Speeds relative to the body (rad/s), linear between the times; of all wheels of a scene, in its order.
@@ -38,6 +41,10 @@ class WheelSpeeds(NamedTuple):
         at, first = np.unique(time_ns[whole], return_index=True)
         return cls(topic, at, speeds[whole][first])
 
+    def since(self, zero_ns: int) -> WheelSpeeds:
+        """Return the same with times from `zero_ns`."""
+        return self._replace(time_ns=self.time_ns - zero_ns)
+
     @property
     def remarks(self) -> list[str]:
         """What is assumed about the speeds, for the user."""
@@ -49,8 +56,20 @@ class WheelSpeeds(NamedTuple):
             gaps = f"; it has {some} {longest:.3g} s"
         return [f"{self.topic}: speeds of the wheels are taken as recorded, and as linear in between{gaps}"]
 
-    def require(self, first_ns: int, last_ns: int, path: str) -> None:
-        """Check that the speeds are known from `first_ns` to `last_ns`, which an interval may miss.
+    def curved(self) -> WheelSpeeds:
+        """Return the same on a finer grid, with a smooth curve between the samples; Akima, J. ACM 17 (1970) 589."""
+        if len(self.time_ns) < 3:
+            return self
+        from scipy.interpolate import Akima1DInterpolator
+
+        steps = np.diff(self.time_ns)[:, None] * np.arange(1, _FINER) // _FINER
+        between = (self.time_ns[:-1, None] + steps).ravel()
+        curve = Akima1DInterpolator((self.time_ns - self.time_ns[0]) * 1e-9, self.speeds)
+        finer = curve((between - self.time_ns[0]) * 1e-9)
+        return self.of(self.topic, np.append(self.time_ns, between), np.vstack([self.speeds, finer]))
+
+    def reaching(self, first_ns: int, last_ns: int, path: str) -> WheelSpeeds:
+        """Return the same from `first_ns` to `last_ns`: what an interval misses goes on as the samples next to it do.
 
         Raises:
             LogError: they are not.
@@ -65,10 +84,17 @@ class WheelSpeeds(NamedTuple):
                 f"motion is recorded from {first_ns * 1e-9:.6g} to {last_ns * 1e-9:.6g} s, expected speeds throughout; "
                 "stamp both by one clock, or cut the recording with convert --from or --to"
             )
+        at = np.array([*[first_ns] * (first_ns < begin), *[last_ns] * (last_ns > end)], dtype=np.int64)
+        if len(self.time_ns) < 2 or not len(at):
+            return self
+        rows = np.where(at < begin, 0, len(self.time_ns) - 2)
+        slopes = np.diff(self.speeds, axis=0)[rows] / np.diff(self.time_ns)[rows, None]
+        there = self.speeds[rows] + slopes * (at - self.time_ns[rows])[:, None]
+        return self.of(self.topic, np.append(self.time_ns, at), np.vstack([self.speeds, there]))
 
 
-def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], zero_ns: int) -> WheelSpeeds:
-    """Return the speeds of all `wheels` from the topic that has most of them; times count from the stamp `zero_ns`.
+def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel]) -> WheelSpeeds:
+    """Return the speeds of all `wheels` from the topic that has most of them, by its stamps.
 
     Raises:
         LogError: no topic tells them.
@@ -96,4 +122,4 @@ def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], zero_ns: int) -> Whe
         )
     topic = max(found, key=lambda name: len(found[name][0]))
     log_times, stamps, speeds = found[topic]
-    return WheelSpeeds.of(topic, (stamps if stamps.any() else log_times) - zero_ns, speeds)
+    return WheelSpeeds.of(topic, stamps if stamps.any() else log_times, speeds)

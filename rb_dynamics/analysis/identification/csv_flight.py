@@ -126,9 +126,9 @@ def read_csv_flight(
     notes += [] if channels else [NO_WRENCH]
     wheels = None
     if turning:
-        wheels = WheelSpeeds.of("wheels", times - zero, found["wheels"])
-        wheels.require(0, end - zero, path)
-        notes += wheels.remarks
+        recorded = WheelSpeeds.of("wheels", times - zero, found["wheels"])
+        wheels = recorded.reaching(0, end - zero, path)
+        notes += recorded.remarks
     flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, commanded=unknown)
     return flight.between_commands()
 

@@ -446,7 +446,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     path, choice = str(bag.path), topics or TopicChoice()
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
-    track = read_track(bag, None if own else scene, None if own else mine)
+    turning = wheel_speeds(bag, scene.wheels) if scene.wheels else None
+    turned_by = turning.topic if turning else ""
+    track = read_track(bag, None if own else scene, None if own else mine, wheels=turned_by)
     if any(series.hangs or (series.disorder and series.disorder.restarts) for series in track.motion):
         raise LogError(
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
@@ -459,7 +461,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     # What concerns `inspect` alone is left out.
     notes = [note for note in track.notes if not any(word in note for word in ("inspected", "not checked"))]
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
-    wheels = wheel_speeds(bag, scene.wheels, zero) if scene.wheels else None
+    wheels = turning.since(zero) if turning else None
     notes += wheels.remarks if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
@@ -485,7 +487,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         unknown,
     )
     if wheels:
-        wheels.require(*found.span_ns, path)
+        found = replace(found, wheels=wheels.reaching(*found.span_ns, path))
     return found if own else found.between_commands()
 
 

@@ -76,6 +76,8 @@ _CHANCE_OF_ONE_BODY = 1e-4
 _ONLY_NOISE = 1.3
 # More of them explain anything.
 _MOST_OMISSIONS = 2
+# What wheels may have done between samples is named if it is that many standard errors.
+_MUCH = 0.5
 # Of what is plausible, the variance below which errors are linear. Misfits that are this many times smaller or larger
 # than those of linear errors are not.
 _STRAIGHT, _LINEAR = 3e-3**2, 4.0
@@ -599,8 +601,8 @@ class _Report:
             both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
             self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
-        for step in moved:
-            near = np.linalg.solve(self.local, step)
+        self.by_wheels = self._of_curved_speeds(weighted)
+        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels):
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
             # The only result is that the scene is not that of the recording: its values stay.
@@ -608,6 +610,20 @@ class _Report:
         from scipy.special import stdtrit
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
+
+    def _of_curved_speeds(self, weighted: Array) -> Array:
+        """Return how far near parameters move if the speeds of wheels are smooth between samples, and not linear.
+
+        Neither is known, so this says how much the samples leave open.
+        """
+        none, other = np.zeros(weighted.shape[1]), self.model.with_curved_speeds()
+        if other is None or (here := self._misfit(self.z)[1]) is None or len(here) != len(weighted):
+            return none
+        there = self._misfit(self.z, other)[1]
+        if there is None or not np.isfinite(there).all():
+            return none
+        step: Array = covariance_of(weighted) @ (weighted.T @ (there - here))
+        return step
 
     def _of_constant_rates(self, bands: Sequence[Sequence[Band]]) -> Array:
         """Return the directions (p, k) in which rates and bias of gyros change alike, where a constant fits as well.
@@ -665,14 +681,14 @@ class _Report:
                     return True
         return False
 
-    def _misfit(self, z: Array) -> tuple[float, Array | None]:
+    def _misfit(self, z: Array, model: Model | None = None) -> tuple[float, Array | None]:
         """Return -2 times the logarithm of the likelihood of parameters, up to a constant, and the residuals.
 
         Over noise, as in `Fit.left`; None if a profile has only the likelihood.
         """
         if self.fit.profile is not None:
             return self.fit.profile(z), None
-        predicted = list(self.model.predict(z, derivatives=False))
+        predicted = list((model or self.model).predict(z, derivatives=False))
         if self.fit.robust is not None:
             # Squares of outliers say nothing of parameters: at the solution they would fall to one side.
             return self.fit.robust(predicted)
@@ -728,11 +744,22 @@ class _Report:
                 *self._of_reversed(),
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *_notes_of(self.model.flights),
+                *self._of_wheels(),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),
             zero_ns=self.model.flights[0].zero_ns,
         )
+
+    def _of_wheels(self) -> list[str]:
+        """Return a remark where much of the errors is that wheels are not known between samples of their speeds."""
+        shift = self.shift(self.local @ self.by_wheels)
+        note = (
+            "what the wheels did between samples of their speeds is much of the errors: smooth there, and not linear, "
+            f"they would move numbers of the body by {shift:.2g} standard errors. The intervals are widened to include "
+            "that; record the speeds more often"
+        )
+        return [note] if _MUCH <= shift < np.inf else []
 
     def _reversed(self) -> list[str]:
         """Return the inertias of rotors that were found negative: their momentum is opposite to that of the scene."""

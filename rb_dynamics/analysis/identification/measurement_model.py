@@ -201,6 +201,16 @@ class Model:
             seen = flight if end_ns is None else flight.until(end_ns[number])
             yield from self.of_flight(z, number, seen, derivatives)
 
+    def with_curved_speeds(self) -> Model | None:
+        """Return the same, with wheels whose speeds are smooth between samples; None without wheels."""
+        if all(flight.wheels is None for flight in self.flights):
+            return None
+        other = copy.copy(self)
+        other.flights = tuple(
+            replace(flight, wheels=flight.wheels.curved()) if flight.wheels else flight for flight in self.flights
+        )
+        return other
+
     def restarted(self, number: int, z: Array, state: Array) -> Model:
         """Return the same, in which a flight begins at the state (STATE,) of the centre of mass and not at its own."""
         other, layout = copy.copy(self), copy.copy(self.layout)
