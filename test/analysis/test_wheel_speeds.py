@@ -6,6 +6,7 @@ The flights are integrated by SciPy: wheels with friction, driven by torques tha
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,6 +125,19 @@ def test_the_inertia_of_a_body_turned_by_its_wheels_is_found(tmp_path: Path, noi
     assert count == 48
     assert within >= 42
     assert max(errors) < 2e-3
+
+
+def test_the_scene_found_has_the_speeds_with_which_the_recording_begins(tmp_path: Path) -> None:
+    flight = flown(2)
+    path, scene = recorded(flight, tmp_path / "bag", 2), flight.scene()
+    slow = replace(scene.wheels[0], max_speed=20.0)
+    for given in (scene, replace(scene, actuators=(slow, *scene.wheels[1:]))):
+        found = rb.identify(given, [str(path)], ["inertia"]).scene
+        most = [wheel.max_speed for wheel in given.wheels]
+        assert [wheel.speed for wheel in found.wheels] == pytest.approx(
+            np.clip(flight.speeds[0], np.negative(most), most)
+        )
+        assert abs(flight.speeds[0, 0]) > 20.0
 
 
 def test_what_slow_speeds_leave_open_is_in_the_intervals(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
 from rb_dynamics.loads.drag import QuadraticDrag
 from rb_dynamics.loads.gyrostat_rotor import Rotor
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.loads.scheduled_wrench import ScheduledWrench
 from rb_dynamics.motion.fixed_step_kernel import Tally, counted_by
 from rb_dynamics.numerics.argument_checks import items, shown, whole_number
@@ -1077,6 +1078,18 @@ class _Report:
         by[self.model.layout[name].at] = 1.0
         return bool(np.isfinite(self._error(by)))
 
+    def _speeds(self) -> dict[str, object]:
+        """Return by their keys the speeds that wheels had where the first recording begins, as far as a scene may."""
+        scene, flight = self.model.scene, self.model.flights[0]
+        if flight.wheels is None:
+            return {}
+        of, found = iter(flight.wheels.speeds.T), dict[str, object]()
+        for number, wheel in enumerate(scene.actuators):
+            if isinstance(wheel, ReactionWheel):
+                speed = float(np.interp(flight.span_ns[0], flight.wheels.time_ns, next(of)))
+                found[f"actuators[{number}].speed"] = min(max(speed, -wheel.max_speed), wheel.max_speed)
+        return found
+
     def _scene(self, body: RigidBody) -> Scene:
         """Return the scene with what was found, as text that runs."""
         scene, layout = self.model.scene, self.model.layout
@@ -1121,6 +1134,7 @@ class _Report:
         if self.model.moves[0]:
             for key in ("position_world", "linear_velocity_world"):
                 overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self._kept).tolist()
+        overrides |= self._speeds()
         if with_true_text(scene) is not scene:
             return _changed(scene, body, overrides)
         problems = Problems(scene.source)
@@ -1136,8 +1150,11 @@ def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Sce
     }
     start["orientation_xyzw"] = tuple(overrides["initial.orientation"][axis] for axis in "xyzw")
     del start["orientation"]
-    effects, sensors = list(scene.effects), list(scene.sensors)
+    effects, sensors, actuators = list(scene.effects), list(scene.sensors), list(scene.actuators)
     for key, value in overrides.items():
+        if key.startswith("actuators["):
+            place = int(key.removeprefix("actuators[").partition("]")[0])
+            actuators[place] = replace(cast("ReactionWheel", actuators[place]), speed=value)
         if key.startswith("sensors["):
             place = int(key.removeprefix("sensors[").partition("]")[0])
             imu = cast("Imu", sensors[place])
@@ -1156,8 +1173,8 @@ def _changed(scene: Scene, body: RigidBody, overrides: Mapping[str, Any]) -> Sce
                 name, given = "entries", tuple(entries)
             effects[int(number)] = replace(effect, **{name: given})  # type: ignore[type-var]
     state = replace(scene.initial, **start)
-    changed = replace(scene, body=body, initial=state, effects=tuple(effects), sensors=tuple(sensors), text="")
-    return with_true_text(changed)
+    devices = {"effects": tuple(effects), "actuators": tuple(actuators), "sensors": tuple(sensors)}
+    return with_true_text(replace(scene, body=body, initial=state, text="", **cast(Any, devices)))
 
 
 def _coordinate(name: str, k: int, block: Any) -> str:
