@@ -153,7 +153,7 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
         args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, actuators
     )
     output.note_start(commands)
-    commands.require_some()
+    commands.require_some(continues=scene.past is not None)
     output.warn_outside(commands, scene)
     return scene, commands
 

@@ -498,11 +498,12 @@ class RecordedWrenches:
         taken = {name.removeprefix("/") for name in (*self._wanted, *self._actuators)}
         return {topic: name for topic, name in known.items() if topic.removeprefix("/") not in taken}
 
-    def require_some(self) -> None:
+    def require_some(self, continues: bool = False) -> None:
         """Refuse a bag that has commands, but none that takes effect.
 
         Between two commands, the first of them is held; after the last, a run is taken for another's. So is a bag
-        without commands, unless it is a whole log of a run without any, or another bag has some.
+        without commands, unless it is a whole log of a run without any, or another bag has some. A scene that
+        `continues` a run has the commands before time 0 itself, and the run may have had none since.
 
         Raises:
             LogError: gives the times of its commands, and why.
@@ -513,6 +514,8 @@ class RecordedWrenches:
                 raise LogError(
                     f"{found}, expected at least one; give a bag with some, or leave out --wrench to let the body coast"
                 )
+            if continues and (bag.early or bag.expired):
+                continue
             if bag.count and not bag.acting and not (0 < bag.early.total() < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))
         if self.setpoints and self._late_setpoints() == len(self.setpoints) and not any(b.acting for b in self._bags):

@@ -268,7 +268,7 @@ class _Flights:
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
         end_ns = float("inf") if scene.end_ns is None else scene.end_ns
         commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, actuators)
-        commands.require_some()
+        commands.require_some(continues=scene.past is not None)
         return commands
 
 

@@ -101,6 +101,25 @@ def test_as_a_user_does_it_and_again_from_the_log_of_that(
     assert (compared.commands, compared.body) == ([], [])
 
 
+@pytest.mark.parametrize("timeout", [0.0, 0.2])
+def test_as_a_user_does_it_after_the_last_command(
+    timeout: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, state, rest = tmp_path / "run.mcap", tmp_path / "state.yaml", tmp_path / "rest.mcap"
+    scene = rb.parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [0.3, 0.4, 0.6]}}\ninitial: {angular_velocity_body: [0.1, 0.2, -0.3]}\n"
+        f"wrenches: [{{topic: push, timeout: {timeout}}}]\nduration: 2.0\noutput_rate: 10\n"
+    )
+    pushes = [("push", rb.Wrench((1, 0, 0), (0, at, 0), stamp_ns=round(at * 1e9))) for at in (0.1, 0.3)]
+    whole = rb.simulate(scene, pushes, [McapSink(log)])
+    assert main(["convert", str(log), str(state), "--at", "1.5"]) == 0
+    onward = [str(state), "--wrench", str(log), "--wrench-start", "1.5"]
+    capsys.readouterr()
+    assert main(["simulate", *onward, "--json", "--mcap", str(rest)]) == 0
+    assert json.loads(capsys.readouterr().out)["orientation_xyzw"] == list(whole.sample.orientation_xyzw)
+    assert main(["replay", str(rest)]) == 0
+
+
 def test_the_logs_of_both_become_that_of_the_whole_run(
     flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
