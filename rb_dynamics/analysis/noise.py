@@ -26,8 +26,6 @@ _SPREAD = 2.62
 # recordings of pure noise, also with fewer means than these, whose ratio is skewed.
 _BEYOND = 10.0
 _LEAST_MEANS = 16
-# Stretches too short to tell their noise may have this many times that of the others.
-_UNEVEN = 10.0
 # Neighbouring samples may repeat or filter one measurement: if there are enough, blocks have at least this many.
 _NEIGHBOURS = 4
 
@@ -65,8 +63,7 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
     level, beyond, whole = np.inf, False, 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
     sizes: list[int] = []
     while True:
-        each = means(values, stretch, size)
-        mean, of, lengths = _in_long(*each)
+        mean, of, lengths = _in_long(*means(values, stretch, size))
         third = _thirds(mean, of)
         if len(third) < _LEAST_MEANS - 3:
             if size == 1 or sizes:
@@ -77,20 +74,15 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
         weights = np.repeat((lengths - 1.0) / (lengths - 3.0), lengths - 3)
         count = float(np.sum(lengths - 1))
         noise = float(weights @ np.sum(third**2, axis=1)) / count / _THIRD
-        spread = _mean_spread(mean, of)
+        spread = float(np.sum(centred(mean, of) ** 2)) / count
         level = level if sizes else float(np.sqrt(size * noise))
         here = np.isin(stretch, of)
         wander = 0.0 if steps is None else _BEYOND * _wander(steps[here], stretch[here])
         variance = _SPREAD * float(np.sum(weights**2)) / count**2
         accepted = (1.0 + _BEYOND * np.sqrt(variance)) * noise + wander / (size * count)
-        beyond = beyond or bool(spread > accepted) or _mean_spread(*each) > max(_UNEVEN**2 * noise, accepted)
+        beyond = beyond or bool(spread > accepted)
         sizes.append(size)
         size *= 2
-
-
-def _mean_spread(mean: Array, of: Labels) -> float:
-    """Return the mean square of rows about the means of their stretches, each of two rows or more."""
-    return float(np.sum(centred(mean, of) ** 2)) / max(1, len(mean) - len(np.unique(of)))
 
 
 def _in_long(mean: Array, of: Labels) -> tuple[Array, Labels, NDArray[np.intp]]:
