@@ -6,11 +6,12 @@ import numpy as np
 
 from rb_dynamics.analysis.track import Array, Times
 from rb_dynamics.loads.actuator_bank import ActuatorBank
+from rb_dynamics.loads.gradual_wrench import Transient
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.scene.model import Scene
 
-# A ramp counts as steps of its mean force, which keep its impulse.
+# A ramp, up to where another change ends it, counts as steps of its mean force, which keep its impulse.
 _STEPS = 10
 
 
@@ -24,17 +25,20 @@ def pushes(thruster: Thruster, scene: Scene, time_ns: Times, values: Array) -> t
     for at, value in zip(time_ns.tolist(), values.tolist(), strict=True):
         bank.post(thruster.topic, value, at)
     found: list[tuple[int, HeldWrench]] = []
+    ramp: Transient | None = None
     while (now := bank.next_change_ns()) is not None:
-        # What comes now ends a ramp.
-        found = [each for each in found if each[0] < now]
         bank.apply(now)
-        ramps = bank.transients()
-        steps = _STEPS if ramps else 1
-        for k in range(steps):
-            held = bank.held()
-            for ramp in ramps:
-                held = held + ramp.aged(ramp.length * (k + 0.5) / steps)
-            begin = now + round(1e9 * ramps[0].length * k / steps) if ramps else now
-            found.append((begin, held))
+        if not bank.changed:
+            # A command that comes while the force ramps may act later, or never.
+            continue
+        if ramp is not None:
+            span = now - ramp.since_ns
+            found += [
+                (ramp.since_ns + round(span * k / _STEPS), ramp.aged(1e-9 * span * (k + 0.5) / _STEPS))
+                for k in range(_STEPS)
+            ]
+        ramp = next(iter(bank.transients()), None)
+        if ramp is None:
+            found.append((now, bank.held()))
     rows = [(*held.force_body, *held.torque_body) for _, held in found]
     return np.array([at for at, _ in found], dtype=np.int64), np.array(rows, dtype=np.float64).reshape(-1, 6)

@@ -59,6 +59,22 @@ def test_pushes_have_the_impulses_of_their_commands() -> None:
     assert (rows[:-1, 0] * spans).sum() == pytest.approx(0.5, rel=1e-12)
 
 
+def test_a_command_that_comes_while_the_force_ramps_ends_the_ramp_when_it_acts() -> None:
+    """Not when it arrives: 0.03 s before. A rejected one never does."""
+    scene = rb.parse_scene(
+        SCENE.replace("rise: 0.01, fall: 0.01", "rise: 0.04, fall: 0.04, delay: 0.03, minimum_on: 0.1")
+    )
+    jet = scene.actuators[2]
+    # Opens at 0.03, of which the ramp lasts to 0.07; from 0.05 on another pulse of 0.2, so that it closes at 0.25.
+    for sent in ([(0, 0.3), (20, 0.2)], [(0, 0.3), (10, 0.01), (20, 0.2), (35, 0.01)]):
+        at, values = (np.array(column) for column in zip(*sent, strict=True))
+        times, rows = pushes(jet, scene, at * 10**6, values)  # type: ignore[arg-type]
+        assert (rows[:-1, 0] * np.diff(times)).sum() * 1e-9 == pytest.approx(0.22, rel=1e-12)
+    # One to close that acts halfway up: the force rises to half, and falls from there.
+    times, rows = pushes(jet, scene, np.array([0, 20 * 10**6]), np.array([0.3, 0.0]))  # type: ignore[arg-type]
+    assert (rows[:-1, 0] * np.diff(times)).sum() * 1e-9 == pytest.approx(0.01, rel=1e-12)
+
+
 def test_what_is_taken_for_granted_is_said(tmp_path: Path) -> None:
     rod = "  - {type: magnetorquer, name: rod, axis: [0, 0, 1], max_dipole: 1}\n"
     field = "effects: [{type: magnetic_field, model: uniform, field_world: [1.0e-5, 0, 0]}]\n"
