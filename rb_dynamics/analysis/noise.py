@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ _BEYOND = 10.0
 _LEAST_MEANS = 16
 # Neighbouring samples may repeat or filter one measurement: if there are enough, blocks have at least this many.
 _NEIGHBOURS = 4
+# So many rows tell how they are filtered.
+_ENOUGH = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,26 +66,72 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
     level, beyond, whole = np.inf, False, 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
     sizes: list[int] = []
     while True:
-        mean, of, lengths = _in_long(*means(values, stretch, size))
-        third = _thirds(mean, of)
-        if len(third) < _LEAST_MEANS - 3:
+        ratio = _ratio(values, stretch, size, steps)
+        if ratio is None:
             if size == 1 or sizes:
                 return Noise(level, beyond, tuple(sizes), whole)
             size = 1
             continue
-        # The noise may differ from stretch to stretch, so each has the same weight in both.
-        weights = np.repeat((lengths - 1.0) / (lengths - 3.0), lengths - 3)
-        count = float(np.sum(lengths - 1))
-        noise = float(weights @ np.sum(third**2, axis=1)) / count / _THIRD
-        spread = float(np.sum(centred(mean, of) ** 2)) / count
-        level = level if sizes else float(np.sqrt(size * noise))
-        here = np.isin(stretch, of)
-        wander = 0.0 if steps is None else _BEYOND * _wander(steps[here], stretch[here])
-        variance = _SPREAD * float(np.sum(weights**2)) / count**2
-        accepted = (1.0 + _BEYOND * np.sqrt(variance)) * noise + wander / (size * count)
-        beyond = beyond or bool(spread > accepted)
+        if not sizes:
+            level = float(np.sqrt(size * ratio.noise))
+            beyond = size > 1 and _short_beyond(values, stretch, size, steps, ratio)
+        beyond = beyond or ratio.beyond()
         sizes.append(size)
         size *= 2
+
+
+class _Ratio(NamedTuple):
+    """The spread about the means of stretches beside the noise, both of means of blocks.
+
+    Attributes:
+        noise: variance by third differences.
+        spread: variance about the means.
+        variance: of `spread` over `noise`, for pure noise.
+        wander: how much of `spread` integrated noise explains.
+        of: stretches of the means that count.
+    """
+
+    noise: float
+    spread: float
+    variance: float
+    wander: float
+    of: Labels
+
+    def beyond(self, colour: float = 1.0, variance: float = 0.0) -> bool:
+        """Return whether the spread is more than that of noise this many times as large, itself known to `variance`."""
+        factor = 1.0 + _BEYOND * float(np.sqrt(self.variance + variance))
+        return self.spread > factor * colour * self.noise + self.wander
+
+
+def _ratio(values: Array, stretch: Labels, size: int, steps: Array | None) -> _Ratio | None:
+    """Return the ratio for means of `size` rows; None of too few."""
+    mean, of, lengths = _in_long(*means(values, stretch, size))
+    third = _thirds(mean, of)
+    if len(third) < _LEAST_MEANS - 3:
+        return None
+    # The noise may differ from stretch to stretch, so each has the same weight in both.
+    weights = np.repeat((lengths - 1.0) / (lengths - 3.0), lengths - 3)
+    count = float(np.sum(lengths - 1))
+    noise = float(weights @ np.sum(third**2, axis=1)) / count / _THIRD
+    spread = float(np.sum(centred(mean, of) ** 2)) / count
+    here = np.isin(stretch, of)
+    wander = 0.0 if steps is None else _BEYOND * _wander(steps[here], stretch[here])
+    return _Ratio(noise, spread, _SPREAD * float(np.sum(weights**2)) / count**2, wander / (size * count), of)
+
+
+def _short_beyond(values: Array, stretch: Labels, size: int, steps: Array | None, ratio: _Ratio) -> bool:
+    """Return whether stretches too short for means of `size` rows change by more than noise, row by row.
+
+    Rows may be filtered: the noise that they show is then as much too small as in the long stretches.
+    """
+    short = ~np.isin(stretch, ratio.of)
+    rows = np.flatnonzero(~short)[:_ENOUGH]
+    long = _ratio(values[rows], stretch[rows], 1, None)
+    found = _ratio(values[short], stretch[short], 1, None if steps is None else steps[short])
+    if long is None or found is None:
+        return False
+    colour = size * ratio.noise / long.noise if long.noise else 1.0
+    return found.beyond(max(colour, 1.0), ratio.variance)
 
 
 def _in_long(mean: Array, of: Labels) -> tuple[Array, Labels, NDArray[np.intp]]:

@@ -148,6 +148,17 @@ def test_noise_that_grows_from_stretch_to_stretch_is_no_change() -> None:
     assert judge(values + np.sin(np.arange(len(stretch)) * 0.3)[:, None], stretch).beyond
 
 
+@pytest.mark.parametrize("repeats", [1, 3])
+def test_a_change_in_short_stretches_is_seen_beside_long_ones(repeats: int) -> None:
+    """As of a thruster whose pulses are shorter than blocks of neighbours; each sample may come several times."""
+    random = np.random.default_rng(5)
+    stretch = np.repeat(np.arange(26), [*[60] * 2, *[12] * 24])
+    values = np.repeat(random.standard_normal((len(stretch) // repeats, 3)), repeats, axis=0)
+    slope = np.where(stretch > 1, np.arange(len(stretch)) % 12, 0)[:, None]
+    assert not judge(values, stretch).beyond
+    assert judge(values + slope, stretch).beyond
+
+
 def test_motion_at_uneven_times_is_no_noise() -> None:
     random = np.random.default_rng(3)
     times = np.arange(1000) * 20_000_000 + random.integers(0, 8_000_000, 1000)
