@@ -35,6 +35,7 @@ from rb_dynamics.analysis.track import (
 )
 from rb_dynamics.analysis.transform_tree import is_fixed, other_ways, pairs, pose_between
 from rb_dynamics.analysis.velocities_from_poses import rates_of
+from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
@@ -83,12 +84,17 @@ class TopicChoice:
 
 
 def read_track(
-    bag: Bag, scene: Scene | None = None, choice: TopicChoice | None = None, *, spikes: bool = False, wheels: str = ""
+    bag: Bag,
+    scene: Scene | None = None,
+    choice: TopicChoice | None = None,
+    *,
+    spikes: bool = False,
+    wheels: WheelSpeeds | None = None,
 ) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
-    Spikes of a twist are named, and left out unless `spikes` are wanted. The topic `wheels` tells how the reaction
-    wheels of the scene turn.
+    Spikes of a twist are named, and left out unless `spikes` are wanted. The reaction wheels of the scene turn as
+    `wheels` say.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
@@ -143,7 +149,7 @@ class _Mount:
 class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
-    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: str) -> None:
+    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: WheelSpeeds | None) -> None:
         self.notes: list[str] = []
         if scene is not None and RUN in bag.metadata:
             self.notes.append(
@@ -151,7 +157,8 @@ class _TrackReader:
                 "the momenta with which it ran."
             )
             scene = None
-        self.bag, self.scene, self.choice, self.wheels = bag, scene, choice, wheels
+        self.bag, self.scene, self.choice = bag, scene, choice
+        self.turning, self.wheels = wheels, wheels.topic if wheels else ""
         self.uses: dict[str, str] = {}
         self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
@@ -167,6 +174,10 @@ class _TrackReader:
         twist_in_world = of_twist == world != ""
         if twist is not None and pose is not None and not (own or spikes):
             twist = without_spikes(twist, pose, twist_in_world)
+        wheels = self.turning
+        if wheels is not None and not wheels.stamped:
+            line = self._line(wheels.topic, stamped=False)
+            wheels = wheels._replace(time_ns=line.stamps(wheels.time_ns))
         frames = self._frames(world, "" if twist_in_world else of_twist)
         wrenches, acted = self._wrenches(frames, own)
         facts = self.bag.metadata.get(RUN, {})
@@ -217,6 +228,7 @@ class _TrackReader:
             uses=self.uses,
             rates=rates,
             specific_force=self.specific_force,
+            wheels=wheels,
         )
         if self.scene is not None:
             held = acting_wrenches(wrenches, self.scene, self.bag.missing, track.zero_ns)
@@ -717,37 +729,37 @@ class _TrackReader:
             + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
         )
 
-    def _line(self, topic: str) -> ClockLine:
-        """Return how the log times of a topic without stamps follow the stamps of the motion.
+    def _line(self, topic: str, stamped: bool = True) -> ClockLine:
+        """Return how the log times of a topic without stamps, such as one not `stamped`, follow those of the motion.
 
         Topics of the same clock, up to the transport delay, are left as they are.
         """
         motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
-        stamped = next((name for name in motion if self.bag.topics[name].stamps_given), "")
+        by = next((name for name in motion if self.bag.topics[name].stamps_given), "")
         source = self.bag.topics[topic]
-        if RUN in self.bag.metadata or not source.count or source.stamps_given:
+        if RUN in self.bag.metadata or not source.count or (stamped and source.stamps_given):
             return ClockLine()
         if source.type_name in (*WRENCHES, SCALAR) and (told := in_bursts(topic, source.log_times)):
             self.doubt = self.doubt or f"cannot tell when {topic} acted: {told}"
-        if not stamped:
+        if not by:
             return ClockLine()
-        stamps = self.bag.topics[stamped].stamps
+        stamps = self.bag.topics[by].stamps
         if standing(stamps):
             return ClockLine()
-        line = StampClock.of(self.bag.topics[stamped].log_times, stamps).line
+        line = StampClock.of(self.bag.topics[by].log_times, stamps).line
         off_s = max(line.error_s, line.ends_s)
-        if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in (*WRENCHES, SCALAR):
+        if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in (*WRENCHES, SCALAR, JOINTS):
             self.doubt = self.doubt or (
                 f"cannot tell when {topic} acted, which has no stamps: log times leave a line against the stamps of "
-                f"{stamped} by {off_s:.3g} s; record by the clock of the stamps, or commands with stamps"
+                f"{by} by {off_s:.3g} s; record by the clock of the stamps, or commands with stamps"
             )
         if line.drift == 0.0 and abs(line.behind_ns) <= APART * 1e9:
             return ClockLine()
         offset = line.behind_ns / 1e9
         rate = f", at first, and {1.0 / (1.0 - line.drift):.6g} times as slowly" if line.drift else ""
         self.notes.append(
-            f"{topic} has no stamps, and {stamped} is stamped by another clock than that of the log times: {topic} is "
-            f"put {abs(offset):.6g} s {'earlier' if offset > 0.0 else 'later'} than it was logged{rate}, as {stamped} "
+            f"{topic} has no stamps, and {by} is stamped by another clock than that of the log times: {topic} is "
+            f"put {abs(offset):.6g} s {'earlier' if offset > 0.0 else 'later'} than it was logged{rate}, as {by} "
             "is."
         )
         return line

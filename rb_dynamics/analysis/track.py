@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
+
+if TYPE_CHECKING:
+    from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 
 Array: TypeAlias = NDArray[np.float64]
 Times: TypeAlias = NDArray[np.int64]
@@ -237,6 +240,7 @@ class Track:
         frames_to_choose: which frames move, if there is no other pose, and the remedy; "" unless there are several.
         uses: purpose of each topic that is used.
         pointing: angle of the attitude from a target, rad, where one was given.
+        wheels: speeds of the reaction wheels, by the clock of the motion, where they were given.
     """
 
     bag: Bag
@@ -265,6 +269,7 @@ class Track:
     pointing: TimeSeries | None = None
     motor_work: TimeSeries | None = None
     friction_heat: TimeSeries | None = None
+    wheels: WheelSpeeds | None = None
 
     @property
     def span_ns(self) -> tuple[int, int]:

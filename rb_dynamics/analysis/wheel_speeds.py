@@ -28,11 +28,13 @@ class WheelSpeeds(NamedTuple):
         topic: as recorded.
         time_ns: (n,), ascending, each once.
         speeds: (n, wheels).
+        stamped: whether the messages have stamps; without, times are those at which they were logged.
     """
 
     topic: str
     time_ns: Times
     speeds: Array
+    stamped: bool = True
 
     @classmethod
     def of(cls, topic: str, time_ns: Times, speeds: Array) -> WheelSpeeds:
@@ -49,11 +51,11 @@ class WheelSpeeds(NamedTuple):
     def remarks(self) -> list[str]:
         """What is assumed about the speeds, for the user."""
         after = after_gaps(self.time_ns)
-        gaps = ""
+        gaps = "" if self.stamped else "; without stamps, they count from when they were logged"
         if len(after):
             longest = float(np.diff(self.time_ns)[after - 1].max()) / NANOSECONDS
             some = f"{len(after)} gaps, the longest of" if len(after) > 1 else "a gap of"
-            gaps = f"; it has {some} {longest:.3g} s"
+            gaps += f"; it has {some} {longest:.3g} s"
         return [f"{self.topic}: speeds of the wheels are taken as recorded, and as linear in between{gaps}"]
 
     def curved(self) -> WheelSpeeds:
@@ -94,7 +96,7 @@ class WheelSpeeds(NamedTuple):
 
 
 def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel]) -> WheelSpeeds:
-    """Return the speeds of all `wheels` from the topic that has most of them, by its stamps.
+    """Return the speeds of all `wheels` from the topic that has most of them, by its stamps, if it has any.
 
     Raises:
         LogError: no topic tells them.
@@ -122,4 +124,5 @@ def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel]) -> WheelSpeeds:
         )
     topic = max(found, key=lambda name: len(found[name][0]))
     log_times, stamps, speeds = found[topic]
-    return WheelSpeeds.of(topic, stamps if stamps.any() else log_times, speeds)
+    stamped = bool(stamps.any())
+    return WheelSpeeds.of(topic, stamps if stamped else log_times, speeds)._replace(stamped=stamped)

@@ -217,6 +217,22 @@ def test_an_imbalance_or_a_ramp_that_is_logged_at_outputs_alone_is_refused(tmp_p
         rb.identify(scene, [str(pushed)], ["inertia"])
 
 
+@pytest.mark.parametrize("drift", [0.0, 0.01])
+def test_speeds_without_stamps_are_put_on_the_clock_of_the_motion(tmp_path: Path, drift: float) -> None:
+    """The log has another clock, and the motion begins after the speeds and ends before them."""
+    flight = flown(4)
+    begin, rows = 1_700_000_000 * 10**9, list[Row]()
+    for k, (rate, speed) in enumerate(zip(flight.rates, flight.speeds, strict=True)):
+        at = begin + round(flight.times[k] * 1e9)
+        logged = begin + round((1.0 + drift) * flight.times[k] * 1e9) + 2 * 10**9
+        if 100 <= k < len(flight.times) - 100:
+            rows.append(("/imu", IMU, logged, imu(at, (0, 0, 0, 1), rate, (0, 0, 0), (False, True, False))))
+        rows.append(("/joint_states", JOINTS, logged, joints(0, NAMES, speed)))
+    found = rb.identify(flight.scene(), [str(write_bag(tmp_path / "bag", rows))], ["inertia"])
+    assert np.allclose(found.body.inertia, flight.inertia, rtol=0.0, atol=1e-5)
+    assert any("/joint_states is put" in note and "s earlier than it was logged" in note for note in found.notes)
+
+
 def test_speeds_without_stamps_count_from_when_they_were_logged(tmp_path: Path) -> None:
     scene = flown(0).scene()
     times = [10**9 + 10**7 * k for k in range(30) if k not in (7, 8)]
@@ -228,4 +244,7 @@ def test_speeds_without_stamps_count_from_when_they_were_logged(tmp_path: Path) 
     assert found.time_ns.tolist() == [at - 10**9 for at in times if at != times[3]]
     assert found.speeds[:, 0].tolist() == [k for k in range(28) if k != 3]
     (remark,) = found.remarks
-    assert remark.endswith("as recorded, and as linear in between; it has 2 gaps, the longest of 0.03 s")
+    assert remark.endswith(
+        "as recorded, and as linear in between; without stamps, they count from when they were logged; it has 2 gaps, "
+        "the longest of 0.03 s"
+    )

@@ -447,8 +447,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     turning = wheel_speeds(bag, scene.wheels) if scene.wheels else None
-    turned_by = turning.topic if turning else ""
-    track = read_track(bag, None if own else scene, None if own else mine, wheels=turned_by)
+    track = read_track(bag, None if own else scene, None if own else mine, wheels=turning)
     if any(series.hangs or (series.disorder and series.disorder.restarts) for series in track.motion):
         raise LogError(
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
@@ -461,7 +460,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     # What concerns `inspect` alone is left out.
     notes = [note for note in track.notes if not any(word in note for word in ("inspected", "not checked"))]
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
-    wheels = turning.since(zero) if turning else None
+    wheels = track.wheels.since(zero) if track.wheels else None
     notes += wheels.remarks if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
