@@ -57,6 +57,8 @@ from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
 
+# ns by which a command to a thruster, which has no stamp, may have been recorded too late beside others.
+_LATE_NS = 20_000_000
 # Largest part of the messages of a topic that may be of other frames, and are left out.
 STRAYS = 0.1
 
@@ -648,8 +650,9 @@ class _TrackReader:
             self.notes.append(f"{mine[0]}: {thruster.name} is taken to have pushed as commanded.")
             yes = np.ones(len(times), dtype=bool)
             yield RecordedWrench(
-                mine[0], times, rows[:, :3], rows[:, 3:], ~yes, yes, yes, (frames.body_frame,), channel=Channel()
-            )
+                mine[0], times, rows[:, :3], rows[:, 3:], ~yes, yes, yes, (frames.body_frame,), channel=Channel(),
+                within_ns=_LATE_NS,
+            )  # fmt: skip
 
     def _of_body_here(self, topics: Sequence[str]) -> list[str]:
         """Return those of wrench `topics` that act on the body whose motion is used."""

@@ -272,6 +272,8 @@ def residual(track: Track, bound: float) -> Residual | None:
     pieces = None if changes or found is None else found.torque
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
     mistimed = direct and not explained and _is_mistimed(track, time_ns, turn, stretch, beyond_noise)
+    if not (direct or explained or other) and pieces is not None:
+        mistimed = float(np.linalg.norm(pieces.body, axis=1).max()) <= _late_torque(track)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -339,6 +341,16 @@ def _is_mistimed(track: Track, time_ns: Times, turn: _Pushed, stretch: Labels, l
     return left <= _rms(centred(shifted.sums - turn.sums, stretch))
 
 
+def _late_torque(track: Track) -> float:
+    """Return the torque (N m) that is missing on average where commands without stamps are recorded too late."""
+    begin, end = track.span_ns
+    changes = (
+        1e-9 * each.within_ns * float(np.linalg.norm(np.diff(each.torque, axis=0), axis=1).sum())
+        for each in track.wrenches
+    )
+    return sum(changes) / max(1e-9 * (end - begin), 1e-9)
+
+
 def _untold(
     found: InertiaScore | None,
     explained: bool,
@@ -369,8 +381,8 @@ def _untold(
         return f"{actuated} may command actuators, and what these did to the body is not recorded"
     if mistimed:
         return (
-            "the commands have no stamps and were logged by another clock, and the error of their times would explain "
-            "what is left as well"
+            "the commands have no stamps, and the error of the times at which they were logged would explain what is "
+            "left as well"
         )
     if found is None:
         return "" if caused else SHORT

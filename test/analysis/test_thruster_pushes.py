@@ -50,6 +50,19 @@ def test_inspect_finds_nothing_else_that_acted_and_a_force_that_is_wrong(tmp_pat
     assert [check.name for check in wrong.checks if not check.passed]
 
 
+def test_commands_that_are_recorded_some_milliseconds_late_accuse_nobody(tmp_path: Path) -> None:
+    """They have no stamps: what acted is known only as well as when."""
+    scene = rb.parse_scene(
+        SCENE.replace("duration: 8", "duration: 5").replace("[0.1, -0.2, 0.15]", "[0.02, -0.01, 0.01]")
+    )
+    for seed in (21, 23, 24, 25):
+        bag = recorded(tmp_path / str(seed), scene, seed, noise=1e-3, late=0.003)
+        (check,) = [
+            each for each in summarize(read_track(read_bag(bag), scene)).checks if each.name.startswith("inertia")
+        ]
+        assert check.passed
+
+
 def test_pushes_have_the_impulses_of_their_commands() -> None:
     scene = rb.parse_scene(SCENE)
     _, _, jet = scene.actuators

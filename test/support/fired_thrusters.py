@@ -42,14 +42,18 @@ def commands(rng: Any) -> list[tuple[str, rb.Setpoint]]:
     return found
 
 
-def recorded(folder: Path, scene: rb.Scene, seed: int, noise: float = 1e-4) -> Path:
-    """Fly the scene, and write what another program would: poses, a gyro and the commands, in a namespace."""
+def recorded(folder: Path, scene: rb.Scene, seed: int, noise: float = 1e-4, late: float = 0.0) -> Path:
+    """Fly the scene, and write what another program would: poses, a gyro and the commands, in a namespace.
+
+    The commands are recorded by up to `late` s later than they act, each by another time.
+    """
+    delays = (1e9 * late * np.random.default_rng([seed, 32]).random(100)).astype(np.int64).tolist()
     rng = np.random.default_rng([seed, 31])
     sent, memory = commands(rng), rb.MemorySink()
     rb.simulate(scene, sent, sinks=[memory])
     rows: list[Row] = [
-        (f"/sat/{topic}", "std_msgs/msg/Float64", BEGIN + each.stamp_ns, of("std_msgs/msg/Float64", each.value))
-        for topic, each in sent
+        (f"/sat/{topic}", "std_msgs/msg/Float64", BEGIN + each.stamp_ns + delay, of("std_msgs/msg/Float64", each.value))
+        for (topic, each), delay in zip(sent, delays, strict=False)
     ]
     for sample in memory.samples:
         stamp = BEGIN + sample.time_ns
