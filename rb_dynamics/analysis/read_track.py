@@ -92,17 +92,18 @@ def read_track(
     *,
     spikes: bool = False,
     wheels: WheelSpeeds | None = None,
+    thrusters: bool = True,
 ) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
     Spikes of a twist are named, and left out unless `spikes` are wanted. The reaction wheels of the scene turn as
-    `wheels` say.
+    `wheels` say; its thrusters push as commanded, if `thrusters` are wanted.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
             damaged.
     """
-    return _TrackReader(bag, scene, choice or TopicChoice(), wheels).track(spikes)
+    return _TrackReader(bag, scene, choice or TopicChoice(), wheels, thrusters).track(spikes)
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,9 @@ class _Mount:
 class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
-    def __init__(self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: WheelSpeeds | None) -> None:
+    def __init__(
+        self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: WheelSpeeds | None, thrusters: bool
+    ) -> None:
         self.notes: list[str] = []
         if scene is not None and RUN in bag.metadata:
             self.notes.append(
@@ -160,7 +163,7 @@ class _TrackReader:
             )
             scene = None
         self.bag, self.scene, self.choice = bag, scene, choice
-        self.turning, self.wheels = wheels, wheels.topic if wheels else ""
+        self.turning, self.wheels, self.thrusters = wheels, wheels.topic if wheels else "", thrusters
         self.uses: dict[str, str] = {}
         self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
@@ -620,7 +623,7 @@ class _TrackReader:
                 _steps(self.bag, topic, frames, channels.get(topic), self._line(topic), self.notes)
                 for topic in sorted(chosen)
             ),
-            *([] if own else self._thrusters(frames, {*chosen})),
+            *(self._thrusters(frames, {*chosen}) if self.thrusters and not own else ()),
         )
         for held in steps:
             if not held.known.all() and not held.standing:

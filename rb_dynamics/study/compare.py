@@ -193,7 +193,7 @@ class _Flights:
         choice = None if own else self._topics
         if self._choices is not None:
             choice = replace(self._choices[place], alone=self._one_bag)
-        track = read_track(bag, scene, choice, spikes=True)
+        track = read_track(bag, scene, choice, spikes=True, thrusters=False)
         for topic in bag.topics.values():
             if topic.damaged:
                 part = f"{len(topic.damaged)} of {topic.count} messages of {topic.name}"
