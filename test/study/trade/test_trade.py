@@ -285,7 +285,8 @@ def test_what_is_recommended_keeps_the_target_over_the_whole_scene(monkeypatch: 
     def missed(row: TradeRow) -> float:
         return motions.attitude_error(simulate(replace(scene, solver=row.as_solver)).sample.orientation_xyzw, end)
 
-    assert missed(taken.row) <= taken.whole.error <= 1e-6
+    # Both are known to the accuracy of what they are compared with.
+    assert missed(taken.row) - 1e-11 <= taken.whole.error <= 1e-6
     coarsest = max((one for one in found.rows if one.error <= 1e-6), key=lambda one: one.error)
     assert missed(coarsest) > 1e-6
     assert "after all 60 s" in as_text(found)
