@@ -5,7 +5,7 @@ A writer of our own, for two reasons. It takes the messages of a sample at once,
 make room for the end of the file. The library's reader checks what it writes: `mcap_integrity.py`, and the tests.
 
 Never looks inside a message, and holds in memory one chunk and, until the end of the file, its index: some 300 bytes
-for each chunk, which is 1 to 3 % of the file.
+for each chunk, which is about 1 % of the file.
 
 Format: the MCAP specification, version 0: a record is one byte of opcode, the length of its content, the content.
 """
