@@ -713,14 +713,14 @@ class _TrackReader:
         if self.scene is not None:
             known = {each.topic for each in wrenches}
             told_wheels = self.scene.wheels if self.wheels else ()
-            doing = [
+            unknown = [
                 each.kind
                 for each in self.scene.actuators
                 if each not in told_wheels and known.isdisjoint(self.bag.actuated_of(each))
             ]
             kinds = {each.kind for each in self.scene.actuators}
             varying = [kind for kind in self.scene.combined_effects.varying if kind not in kinds]
-            found = [*dict.fromkeys([*varying, *doing])]
+            found = [*dict.fromkeys([*varying, *unknown])]
             told = {each.topic: each.channel for each in wrenches if not each.topic.endswith(APPLIED)}
             doubt = which_channel(told, self.scene)
         joints = [

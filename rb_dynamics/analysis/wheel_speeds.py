@@ -74,7 +74,7 @@ class WheelSpeeds(NamedTuple):
         """Return the same from `first_ns` to `last_ns`: what an interval misses goes on as the samples next to it do.
 
         Raises:
-            LogError: they are not.
+            LogError: more than an interval is missing at an end.
         """
         if not len(self.time_ns):
             raise LogError(f"{path}: {self.topic}: no speed is a number, expected those of the wheels; record it again")

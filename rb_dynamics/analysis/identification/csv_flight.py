@@ -129,7 +129,7 @@ def read_csv_flight(
         recorded = WheelSpeeds.of("wheels", times - zero, found["wheels"])
         wheels = recorded.reaching(0, end - zero, path)
         notes += recorded.remarks
-    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, commanded=unknown)
+    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, unknown=unknown)
     return flight.between_commands()
 
 

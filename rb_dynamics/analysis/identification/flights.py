@@ -107,7 +107,7 @@ class Flight:
         zero_ns: the stamp at which its times begin.
         frames_to_choose: as in `Track`.
         wheels: speeds of the reaction wheels of the scene.
-        commanded: names of its magnetorquers, and thrusters, that are commanded and whose wrench is not known.
+        unknown: names of its actuators that are commanded and whose wrench is not known.
     """
 
     name: str
@@ -119,7 +119,7 @@ class Flight:
     zero_ns: int = 0
     frames_to_choose: str = ""
     wheels: WheelSpeeds | None = None
-    commanded: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a recording without enough data.
@@ -616,9 +616,8 @@ def acting_elsewhere(
 ) -> tuple[list[WrenchSeries], set[str]]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
-    The second part are the names of the actuators of the scene that they command.
-
-    `notes` receives remarks for the user about them; `choice` says which are the body's.
+    Beside them are the names of the actuators of the scene that these bags command. `notes` receives remarks for the
+    user; `choice` says which wrenches are the body's.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.

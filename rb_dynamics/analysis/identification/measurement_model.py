@@ -251,7 +251,7 @@ class Model:
     def _require_modelled(self) -> None:
         source, left_out = self.scene.source, "derivatives of the motion do not know them"
         wheels = self.scene.wheels
-        if others := ", ".join(sorted({name for flight in self.flights for name in flight.commanded})):
+        if others := ", ".join(sorted({name for flight in self.flights for name in flight.unknown})):
             raise SceneError(
                 f"{source}: actuators: found commands to {others}, expected only wheels, and thrusters whose force is "
                 "known throughout; cut the recording to before or after them, with convert --from or --to"
