@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import time
+import weakref
 from bisect import insort
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -88,6 +89,9 @@ Commands = Command | tuple[str, Wrenches]
 """The same, or many commands on one topic."""
 
 _logger = logging.getLogger(__name__)
+
+# What scenes continue without reaching their initial state, and was warned of.
+_unreached: weakref.WeakValueDictionary[int, Past] = weakref.WeakValueDictionary()
 
 _REMEDY = "give nanoseconds: round(1e9 * seconds)"
 
@@ -226,12 +230,15 @@ class Simulation:
         self._sinks = sinks
         if self.time_ns == 0 and self._phase.state(self.scene.body, 0) == self.scene.initial:
             return True
-        _logger.warning(
-            "%s: the run that it continues does not reach the state in `initial`, because body, effects, solver or "
-            "state were changed, or commands left out; this run starts anew from that state with the held commands, "
-            "and its bits differ",
-            self.scene.source,
-        )
+        # Once: a study runs the same scene with many solvers.
+        if _unreached.get(id(past)) is not past:
+            _unreached[id(past)] = past
+            _logger.warning(
+                "%s: the run that it continues does not reach the state in `initial`, because body, effects, solver "
+                "or state were changed, or commands left out; this run starts anew from that state with the held "
+                "commands, and its bits differ",
+                self.scene.source,
+            )
         # With their own times, from which timeout, delay and lag count.
         channels = self._channels
         while (change_ns := channels.next_change_ns()) is not None and change_ns < 0:

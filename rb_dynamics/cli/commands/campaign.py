@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     """Run and print; exit code 0, or 1 if a run could not be completed or differs from its row."""
     from pathlib import Path
 
+    from rb_dynamics.errors import LogError
     from rb_dynamics.study.campaign.read import read_campaign
 
     require_with(args, "--mcap", bool(args.mcap), "--rerun", args.rerun is not None)
@@ -68,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
     overrides |= {name: value for name in ("runs", "seed") if (value := getattr(args, name)) is not None}
     campaign = read_campaign(args.campaign, overrides)
     out = Path(args.out or Path("out", f"{Path(args.campaign).stem}.parquet"))
+    if out.suffix.lower() != ".parquet":
+        raise LogError(f"--out {out}: expected a name that ends in .parquet, as rows are written as Parquet")
     return _run_again(args, campaign, out) if args.rerun is not None else _run_all(args, campaign, out)
 
 

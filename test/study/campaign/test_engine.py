@@ -508,6 +508,13 @@ def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "rb_dynamics", "campaign", *map(str, arguments)]
 
 
+def test_a_table_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "rows.csv"
+    assert main(["campaign", str(write(tmp_path)), "--workers", "0", "--out", str(out)]) == 2
+    assert f"--out {out}: expected a name that ends in .parquet" in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.usefixtures("_no_page")
 def test_the_command_and_a_rerun(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = SCENE.replace("body:\n", "body:\n  frame: bus\n")
