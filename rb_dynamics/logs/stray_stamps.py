@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.formats.topic_messages import Times
+from rb_dynamics.numerics.distinct import distinct
 
 # By more than so many times as long as all were recorded, or as a second.
 _AWAY = 10
@@ -78,7 +79,7 @@ class StrayStamps:
         self._last_ns = last_ns if self._first is None else max(last_ns, self._last_ns)
         self._first = first if self._first is None or first[0] < self._first[0] else self._first
         lengths, beyond_ns = np.divmod(log_times - stamps, _LENGTH_NS)
-        for length in np.unique(lengths).tolist():
+        for length in distinct(lengths).tolist():
             of_length = beyond_ns[lengths == length]
             self._counts[length] = self._counts.get(length, 0) + len(of_length)
             self._sums_ns[length] = self._sums_ns.get(length, 0) + int(of_length.sum())

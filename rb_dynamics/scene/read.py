@@ -29,7 +29,6 @@ from rb_dynamics.scene.read_effects import effects
 from rb_dynamics.scene.read_state import INITIAL_KEYS, initial_state, past
 from rb_dynamics.scene.read_wrench_channels import channels
 from rb_dynamics.scene.shipped import shipped
-from rb_dynamics.sensors.sensor_types import SENSORS
 
 _NO_OVERRIDES: Mapping[str, object] = MappingProxyType({})
 
@@ -176,6 +175,8 @@ def scene_of(tree: document.Node, problems: Problems, text: str, changes: Sequen
 
 def rest_is_independent(scene: Scene) -> bool:
     """Return whether all but frames, initial state and seed is read alike for every body with inertia."""
+    from rb_dynamics.sensors.sensor_types import SENSORS
+
     kinds = {type(each) for each in (*scene.effects, *scene.actuators, *scene.sensors)}
     known = {UniformGravity, CentralGravity, ReactionWheel, *SENSORS.values()}
     return kinds <= known and scene.past is None and not scene.body.is_particle

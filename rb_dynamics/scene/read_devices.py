@@ -16,7 +16,6 @@ from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.scene.read_effects import each_entry
 from rb_dynamics.scene.read_wrench_channels import topic_in
 from rb_dynamics.sensors.sensor import COMMON_KEYS, Sensor
-from rb_dynamics.sensors.sensor_types import SENSORS
 
 
 def devices(
@@ -60,5 +59,10 @@ def devices(
             require_contained((*acting, *found), body)
         except SceneError as error:
             listed.reject("wheels that fit into the body together", str(error))
-    sensors = each_entry(root.get("sensors"), SENSORS, "a sensor", imu, unfit, sensor)
-    return tuple(each for each in found if isinstance(each, Actuator)), sensors
+    actuators = tuple(each for each in found if isinstance(each, Actuator))
+    if (listed := root.get("sensors")) is None:
+        return actuators, ()
+
+    from rb_dynamics.sensors.sensor_types import SENSORS
+
+    return actuators, each_entry(listed, SENSORS, "a sensor", imu, unfit, sensor)

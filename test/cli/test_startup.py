@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from bag_rows import write_rows
+
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.message_types import WRENCH
 
 OPTIONAL = {"mcap", "numba", "rclpy", "rerun", "tqdm", "matplotlib", "trimesh"}
 SLOW = {"numpy", "scipy", "importlib.metadata", "email", *OPTIONAL}
@@ -53,6 +57,15 @@ def test_simulate_imports_what_it_runs(root: Path) -> None:
     assert {"rb_dynamics.run.simulation", "yaml"} <= found
     unused = {"rb_dynamics.study", "rb_dynamics.sinks.mcap_sink", "rb_dynamics.report"}
     assert not found & {*SLOW, *unused}
+
+
+def test_simulate_with_commands_imports_no_masked_arrays_sensors_or_spelling(root: Path, tmp_path: Path) -> None:
+    at = [k * 10**9 for k in range(1, 9)]
+    rows = [("/wrench/body", WRENCH, ns, cdr.encode(WRENCH, ns, "body", (0.1,) + (0.0,) * 5)) for ns in at]
+    bag = write_rows(tmp_path / "commands.mcap", rows)
+    found = loaded(root, "simulate", "config/slew.yaml", "--wrench", str(bag))
+    assert "rb_dynamics.logs.stray_stamps" in found
+    assert not found & {"numpy.ma", "difflib", "rb_dynamics.sensors.imu"}
 
 
 def test_a_command_seldom_looks_for_garbage(root: Path) -> None:

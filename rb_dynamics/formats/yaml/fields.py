@@ -7,7 +7,6 @@ the meaning of the values.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -173,6 +172,8 @@ class Section:
         for name, node in self.values.items():
             if name in known:
                 continue
+            import difflib
+
             near = difflib.get_close_matches(printable(name), known, n=1, cutoff=0.5)
             self.misspelt.update(near)
             if name in ends or not near:
