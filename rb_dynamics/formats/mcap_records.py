@@ -129,12 +129,13 @@ class McapChannel:
 
 
 class Message(NamedTuple):
-    """One message: times in integer nanoseconds, content as recorded."""
+    """One message: times in integer nanoseconds, content as recorded, and the number that its publisher gave it."""
 
     channel: McapChannel
     log_time: int
     publish_time: int
     data: bytes
+    sequence: int = 0
 
 
 class MessageBlock(NamedTuple):
@@ -535,7 +536,8 @@ class McapFile:
             return
         channels = map(self.channels.__getitem__, heads["channel"].tolist())
         contents = (data[begin + _MESSAGE_HEAD.size : end] for begin, end in places)
-        yield from map(Message, channels, heads["log_time"].tolist(), heads["publish_time"].tolist(), contents)
+        times = heads["log_time"].tolist(), heads["publish_time"].tolist()
+        yield from map(Message, channels, *times, contents, heads["sequence"].tolist())
 
     def _by_channel(self, data: bytes, layout: _Layout, heads: _Heads) -> Iterator[MessageBlock]:
         """Yield blocks, in the order in which the channels come."""
@@ -749,7 +751,7 @@ class McapFile:
         if content > end:
             self._note_damage("has a message without its times")
             return None
-        channel_id, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+        channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         channel = self.channels.get(channel_id)
         if channel is None:
             self._note_damage(f"has a message on channel {channel_id}, which it does not declare")
@@ -760,7 +762,7 @@ class McapFile:
                 "beyond the 2^63 ns that ROS counts to"
             )
             return None
-        return Message(channel, log_time, publish_time, data[content:end])
+        return Message(channel, log_time, publish_time, data[content:end], sequence)
 
     def _note_damage(self, what: str) -> None:
         """Note what cannot be read, once for several in a row; it is an error unless to salvage."""

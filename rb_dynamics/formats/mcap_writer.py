@@ -161,14 +161,14 @@ class McapWriter:
         return self._schemas[schema]
 
     def add_messages(
-        self, channels: Iterable[int], messages: Iterable[bytes], log_time: int, publish_time: int
+        self, channels: Iterable[int], messages: Iterable[bytes], log_time: int, publish_time: int, sequence: int = 0
     ) -> None:
-        """Write messages of one time, ns, each on its channel."""
+        """Write messages of one time, ns, each on its channel, with the number that their publisher gave them."""
         chunk, index = self._chunk, self._index
         for channel, data in zip(channels, messages, strict=True):
             index[channel] += _ENTRY.pack(log_time, len(chunk))
             length = _MESSAGE_FIELDS + len(data)
-            chunk += _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, 0, log_time, publish_time)
+            chunk += _MESSAGE.pack(_MESSAGE_OPCODE, length, channel, sequence, log_time, publish_time)
             chunk += data
         self._start_time = min(self._start_time, log_time)
         self._end_time = max(self._end_time, log_time)

@@ -225,7 +225,8 @@ class Copy:
                 "MCAP has no earlier times; leave it out with --from SECONDS, counted from the start of the motion"
             )
         channel = self._declared(message.channel)
-        self._writer.add_messages((channel,), (message.data,), message.log_time, message.publish_time)
+        times = message.log_time, message.publish_time
+        self._writer.add_messages((channel,), (message.data,), *times, message.sequence)
 
     def finish(
         self,

@@ -672,7 +672,7 @@ class _Comparison:
         if queued or time_ns < self._newest_ns or self._in_order is not None:
             return False
         channels, read = self._last_channel, list(islice(self._log, len(expected)))
-        if read != [(channels.get(topic), time_ns, time_ns, data) for topic, data in expected]:
+        if read != [(channels.get(topic), time_ns, time_ns, data, 0) for topic, data in expected]:
             self._ahead.extend(read)
             return False
         self._newest_ns = time_ns
@@ -689,7 +689,7 @@ class _Comparison:
             return None
         if message.log_time != time_ns and not self._facts.complete:
             self._found.gap_ns = min(message.log_time, time_ns)
-        if message != (message.channel, time_ns, time_ns, expected) and self._found.gap_ns is None:
+        if message != Message(message.channel, time_ns, time_ns, expected) and self._found.gap_ns is None:
             self._note(message, time_ns, expected)
         return message
 

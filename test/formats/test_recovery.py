@@ -22,7 +22,7 @@ from rb_dynamics.sinks.mcap_sink import McapSink
 
 pytest.importorskip("mcap")
 
-from mcap.writer import CompressionType, IndexType
+from mcap.writer import CompressionType, IndexType, Writer
 
 
 def _places(data: bytes, opcode: int) -> list[int]:
@@ -49,6 +49,25 @@ def test_a_chunk_that_was_cut_gives_the_messages_before_its_end(tmp_path: Path, 
     assert saved.state == "cut off"
     assert 500 < len(found) < 10_000
     assert found == expected[: len(found)]
+
+
+def test_a_copy_keeps_times_and_numbers_of_publishers(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    whole = tmp_path / "a.mcap"
+    with whole.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "test")
+        channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b""))
+        for k in range(2000):
+            writer.add_message(channel, 10 * k, stamped(k, 0.1 * k), 10 * k - k % 7, sequence=2**32 - 2000 + k)
+        writer.finish()
+    whole.write_bytes(whole.read_bytes()[:-30])
+    recover(whole, tmp_path / "saved.mcap")
+    with (tmp_path / "saved.mcap").open("rb") as file:
+        found = [message for _, _, message in make_reader(file).iter_messages()]
+    assert [message.publish_time for message in found] == [10 * k - k % 7 for k in range(2000)]
+    assert [message.sequence for message in found] == list(range(2**32 - 2000, 2**32))
 
 
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
