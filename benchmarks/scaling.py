@@ -33,7 +33,8 @@ from written import processor, svg, table
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import METHODS
 from rb_dynamics.numerics.compilation import available
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Sink
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene

@@ -48,7 +48,7 @@ IMPORTS = "imports alone: numpy, llvmlite, simulation, reading of bags"
 LOGGED, SHOWN, REPLAYED = "the same, `--mcap`", "the same, `--mcap` and `--rerun`", "`replay` of the log"
 COMMANDS = {
     FLOOR: ["simulate", "coast.yaml"],
-    IMPORTS: ["-c", "import numpy, llvmlite.binding, rb_dynamics.run.simulation, rb_dynamics.logs.wrench_bags"],
+    IMPORTS: ["-c", "import numpy, llvmlite.binding, rb_dynamics.run.simulate, rb_dynamics.logs.wrench_bags"],
     PLAIN: ["simulate", "scene.yaml", "--wrench", "bag.mcap"],
     LOGGED: ["simulate", "scene.yaml", "--wrench", "bag.mcap", "--mcap", "run.mcap"],
     SHOWN: [

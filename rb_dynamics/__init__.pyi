@@ -50,9 +50,9 @@ from rb_dynamics.run.ensemble import Ensemble as Ensemble
 from rb_dynamics.run.ensemble import driven_motion as driven_motion
 from rb_dynamics.run.sample import Sample as Sample
 from rb_dynamics.run.sample_arrays import Samples as Samples
-from rb_dynamics.run.simulation import Run as Run
+from rb_dynamics.run.simulate import Run as Run
+from rb_dynamics.run.simulate import simulate as simulate
 from rb_dynamics.run.simulation import Simulation as Simulation
-from rb_dynamics.run.simulation import simulate as simulate
 from rb_dynamics.run.sink import Sink as Sink
 from rb_dynamics.scene import parse_scene as parse_scene
 from rb_dynamics.scene import read_scene as read_scene

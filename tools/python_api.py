@@ -34,6 +34,7 @@ PARTS = {
     "sensors": "What measures",
     "motion": "Methods and free motion",
     "scene": "Scenes",
+    "run.simulate": "Runs",
     "run.simulation": "Runs",
     "run.sample": "Runs",
     "study": "Runs",

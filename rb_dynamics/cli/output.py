@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rb_dynamics.logs.wrench_bags import RecordedWrenches
     from rb_dynamics.report.html import Report
-    from rb_dynamics.run.simulation import Run
+    from rb_dynamics.run.simulate import Run
     from rb_dynamics.scene.model import Scene
     from rb_dynamics.study.covariance import Covariance
 

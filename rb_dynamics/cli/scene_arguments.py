@@ -13,7 +13,7 @@ from rb_dynamics.numerics.command_line_numbers import real
 if TYPE_CHECKING:
     from rb_dynamics.loads.wrench import Wrench
     from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start
-    from rb_dynamics.run.simulation import Command
+    from rb_dynamics.run.posting import Command
     from rb_dynamics.scene.model import Scene
 
 

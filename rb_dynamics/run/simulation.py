@@ -1,7 +1,6 @@
 """The loop: `Simulation` advances a scene from edge to edge (command, timeout, knot, output, end) and feeds sinks.
 
 Offline runs, the node and replay all advance through `Simulation`, which must not read a clock, a file or a message.
-`simulate` runs a scene to its end and times it.
 """
 
 from __future__ import annotations
@@ -9,20 +8,18 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import os
-import time
 import weakref
 from bisect import insort
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.errors import ConvergenceError, SceneError, WrenchError
+from rb_dynamics.errors import ConvergenceError, WrenchError
 from rb_dynamics.formats.log_metadata import INPUTS_RULE
 from rb_dynamics.loads.actuator import ActuatorCommand, Setpoint
 from rb_dynamics.loads.actuator_bank import ActuatorBank
@@ -40,7 +37,7 @@ from rb_dynamics.loads.wrench_channels import (
     RejectedWrench,
     WrenchChannels,
 )
-from rb_dynamics.loads.wrench_command_arrays import CommandBatch, Wrenches, listed
+from rb_dynamics.loads.wrench_command_arrays import CommandBatch
 from rb_dynamics.motion import array_steps
 from rb_dynamics.motion.arc import Arc, Enough, LoadFrom, OfPhase, OutOfTime, stop_if
 from rb_dynamics.motion.closed_form import is_free
@@ -69,11 +66,8 @@ from rb_dynamics.run.measurements import Measurements
 from rb_dynamics.run.plan import OPEN_END_HORIZON, Plan
 from rb_dynamics.run.provenance import run_metadata
 from rb_dynamics.run.sample import Sample, SampleBuilder, acceleration, kinetic_energy, too_long
-from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
 from rb_dynamics.run.sink import Event, RunInfo, Sink, Status
 from rb_dynamics.run.state_change import StateChange, moved
-from rb_dynamics.run.stop_signals import interrupts_wait, uninterrupted
-from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import Past, Scene
 from rb_dynamics.scene.read import with_true_text
 from rb_dynamics.sensors.sensor import Truth
@@ -81,12 +75,6 @@ from rb_dynamics.sensors.sensor import Truth
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
-
-Command = tuple[str, "Wrench | Setpoint"]
-"""A topic and what is commanded on it."""
-
-Commands = Command | tuple[str, Wrenches]
-"""The same, or many commands on one topic."""
 
 _logger = logging.getLogger(__name__)
 
@@ -104,23 +92,6 @@ _WARN = 1
 
 # Hz: at a lower rate the first output after the start would be beyond the range of time.
 _NEVER = 2.0**-31
-
-
-class Batches(Protocol):
-    """Commands as arrays, such as those of a recording.
-
-    Attributes:
-        setpoints: commands to actuators, by topic.
-        to_absent: times (ns) of commands to actuators that the scene does not have, by topic.
-        first_stamps: topic and stamp (ns) of the first commands on each channel.
-    """
-
-    setpoints: Sequence[tuple[str, Setpoint]]
-    to_absent: Mapping[str, npt.NDArray[np.int64]]
-    first_stamps: Sequence[tuple[str, int]]
-
-    def batches(self) -> Iterator[tuple[CommandBatch, int | None]]:
-        """Yield batches in the order of effect, each with the time (ns) before which all commands have been yielded."""
 
 
 class Simulation:
@@ -1198,293 +1169,3 @@ def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:
     numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
     if not all(map(math.isfinite, numbers)):
         raise out_of_range(f"at simulation time {time_ns / NANOSECONDS:.9g} s")
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Result of `simulate`.
-
-    Attributes:
-        sample: at the end of the run.
-        method: names of the methods that moved the body, joined by "+".
-        steps: total number of steps.
-        wall_time_s: wall time of the run, s.
-        rejected: the reason for each rejected command; the run continued without them.
-        clipped_on: number of commands reduced by the limits of their channel or actuator, by topic.
-        remarks: warnings in full sentences, about limits that were nearly reached, steps that are too long, and
-            commands that come too slowly.
-    """
-
-    sample: Sample
-    method: str
-    steps: int
-    wall_time_s: float
-    rejected: tuple[str, ...] = ()
-    clipped_on: Mapping[str, int] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
-
-    @property
-    def clipped(self) -> int:
-        """Number of commands reduced by the limits of their channel or actuator."""
-        return sum(self.clipped_on.values())
-
-
-def simulate(
-    scene: Scene | str | os.PathLike[str],
-    commands: Iterable[Commands] = (),
-    sinks: Sequence[Sink] = (),
-    progress: Callable[[float], None] | None = None,
-    facts: Mapping[str, str] | None = None,
-) -> Run:
-    """Run `scene` to the end of its duration; each of `commands` (topic, wrench) takes effect at its stamp.
-
-    A command stamped before 0 counts as given at 0. `Wrenches` in place of a wrench is many commands, as arrays.
-
-    Args:
-        scene: the scene to simulate, or its file; its `duration` must be given.
-        commands: for the scene's channels and actuators. Those after the end have no effect; rejected ones are named
-            in the result, as in the node. A sequence may be in any order. Any other iterable is read during the run,
-            `LOOK_AHEAD` commands ahead, and not kept.
-        sinks: receive the events of the run.
-        progress: called repeatedly with the fraction done.
-        facts: additional facts for logs, such as the source of the commands.
-
-    Raises:
-        TypeError: an argument has the wrong type.
-        SceneError: the file has no valid scene, or the scene has no duration.
-        LogError: a log cannot be written.
-        ConvergenceError: a step could not be solved; the log is complete up to there, with the warnings and the error.
-        KeyboardInterrupt: Ctrl-C; the log is complete up to there, with the warnings.
-        ValueError: `commands` is not a sequence, and a command came after the run had passed its stamp.
-    """
-    started = time.perf_counter()
-    scene = opened(scene)
-    if not (progress is None or callable(progress)):
-        raise TypeError(f"progress is {shown(progress)}, expected a function of the fraction done, or None")
-    run = Simulation(scene if sinks else without_outputs(scene), sinks, facts)
-    if run.end_ns is None:
-        raise SceneError(
-            f"{scene.source}: duration: found nothing, expected the length of the run (s); add duration to the scene, "
-            "or give --duration"
-        )
-    rejected = list[str]()
-
-    def concluded(end: Sample, error: ConvergenceError | None = None) -> list[str]:
-        """Return the remarks on the run so far; its sinks receive all warnings, and the error that ended it."""
-        nonlocal rejected
-        rejected += (
-            f"{late.topic} at simulation time {late.time_ns / NANOSECONDS:.9f} s: {late.reason}"
-            for late in run.taken_back
-        )
-        remarks = [*run.remarks, *command_remarks(_first_stamps(commands), scene, end)]
-        if sinks:
-            ended = [] if error is None else [f"the run ended by an error: {error}"]
-            run.tell([*scene_remarks(scene), *remarks, *rejected_words(rejected), *ended])
-        return remarks
-
-    # Without a sink there is nothing that Ctrl-C could damage.
-    with interrupts_wait() if sinks else contextlib.nullcontext():
-        run.start()
-        try:
-            part = 0
-            # Advancing in pieces changes no bits, see `Arc`.
-            for known_ns in _post_ahead(run, commands, rejected):
-                while progress is not None and part < 100 and run.end_ns * (part + 1) // 100 <= known_ns:
-                    part += 1
-                    run.advance(run.end_ns * part // 100)
-                    progress(part / 100.0)
-                run.advance(known_ns)
-        except (ConvergenceError, KeyboardInterrupt) as error:
-            with uninterrupted():
-                concluded(run.sample, error if isinstance(error, ConvergenceError) else None)
-            raise
-        else:
-            end = run.sample
-            remarks = concluded(end)
-        finally:
-            with uninterrupted():
-                run.finish()
-    wall_time_s = time.perf_counter() - started
-    return Run(end, run.methods, run.steps, wall_time_s, tuple(rejected), run.clipped_on, tuple(remarks))
-
-
-def _first_stamps(commands: object) -> list[tuple[str, int]]:
-    """Return topic and stamp (ns) of the first commands that `simulate` is given; none of an iterator."""
-    if hasattr(commands, "batches"):
-        recorded = cast("Batches", commands)
-        return [*recorded.first_stamps, *((topic, each.stamp_ns) for topic, each in recorded.setpoints)]
-    if not isinstance(commands, Sequence):
-        return []
-    found: list[tuple[str, int]] = []
-    for topic, each in commands[:_FIRST]:
-        stamps_ns = (
-            cast("npt.NDArray[np.int64]", each.stamp_ns)[:_FIRST].tolist()
-            if isinstance(each, Wrenches)
-            else [each.stamp_ns]
-        )
-        found += ((topic, int(stamp_ns)) for stamp_ns in stamps_ns)
-    return found
-
-
-def rejected_words(reasons: Sequence[str]) -> list[str]:
-    """Return the warning about commands rejected for these reasons; none without any."""
-    if not reasons:
-        return []
-    if len(reasons) == 1:
-        return [f"1 command was rejected and had no effect: {reasons[0]}"]
-    return [f"{len(reasons)} commands were rejected and had no effect; the first: {reasons[0]}"]
-
-
-def _post_batches(run: Simulation, commands: Batches, rejected: list[str]) -> Iterator[int]:
-    """As `_post_ahead`, for commands as arrays."""
-    rejected += _post(run, commands.setpoints)
-    for topic, times_ns in commands.to_absent.items():
-        # Not one text for each: a robot may have many such topics.
-        first_ns = int(times_ns.min())
-        rejected += run.try_post(topic, Setpoint(math.nan, first_ns), first_ns) * len(times_ns)
-    for batch, until_ns in commands.batches():
-        rejected += run.post_batch(batch)
-        if until_ns is not None and until_ns > 0 and not run.ended:
-            yield until_ns - 1
-    if run.end_ns is not None:
-        yield run.end_ns
-
-
-def _post_sequence(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> Iterator[int]:
-    """As `_post_ahead`, for commands in any order."""
-    came = _without_few(run, commands if _are_plain(commands) else [*each_command(commands)], rejected)
-    if came is not None:
-        first, order = 0, came.time_ns.argsort(kind="stable")
-        times_ns = came.time_ns[order]
-        while first < len(order):
-            # Those of one time together, so that they keep their order of arrival.
-            last_ns = int(times_ns[first : first + _AT_ONCE][-1])
-            last = int(times_ns.searchsorted(last_ns, side="right"))
-            rejected += run.post_batch(came.some(order[first:last]))
-            first = last
-            if last < len(order) and last_ns > 0 and not run.ended:
-                yield last_ns
-    if run.end_ns is not None:
-        yield run.end_ns
-
-
-def _stamp_ns(command: Command) -> int:
-    return command[1].stamp_ns
-
-
-def each_command(commands: Iterable[object]) -> Iterator[Command]:
-    """Yield `commands` one by one, those of `Wrenches` too.
-
-    Raises:
-        TypeError: one is not a pair of a topic and a wrench or a setpoint.
-    """
-    for command in commands:
-        if not (isinstance(command, (tuple, list)) and len(command) == 2 and isinstance(command[0], str)):
-            raise _not_a_command(command)
-        topic, wrench = command
-        if isinstance(wrench, Wrenches):
-            yield from ((topic, each) for each in wrench)
-        elif isinstance(wrench, (Wrench, Setpoint)):
-            if type(wrench.stamp_ns) is not int:
-                whole_number(wrench.stamp_ns, "commands: stamp_ns", _REMEDY)
-            # Not copied, because a run may have a million.
-            yield command if isinstance(command, tuple) else (topic, wrench)
-        else:
-            raise _not_a_command(command)
-
-
-def _not_a_command(found: object) -> TypeError:
-    return TypeError(
-        f"commands has {shown(found)}, expected a channel and a Wrench; write [('wrench', Wrench(force, torque))]"
-    )
-
-
-def _are_plain(commands: Sequence[object]) -> bool:
-    """Return whether all are pairs of a topic and a `Wrench` with a stamp, or `Wrenches`: fast, for a million."""
-    pairs = cast("Sequence[Commands]", commands)
-    if {*map(type, pairs)} != {tuple} or {*map(len, pairs)} != {2}:
-        return False
-    topics, wrenches = {type(topic) for topic, _ in pairs}, [wrench for _, wrench in pairs]
-    kinds = {*map(type, wrenches)}
-    return topics == {str} and (
-        kinds == {Wrenches} or (kinds == {Wrench} and {*map(type, map(attrgetter("stamp_ns"), wrenches))} == {int})
-    )
-
-
-def post_all(run: Simulation, commands: Sequence[Command]) -> list[str]:
-    """Post `commands` to a run in the same order as `simulate`; return the reason for each rejected one.
-
-    Raises:
-        TypeError: one is not a pair of a topic and a wrench.
-    """
-    rejected: list[str] = []
-    for _ in _post_ahead(run, commands, rejected):
-        pass
-    return rejected
-
-
-LOOK_AHEAD = 1000
-"""Commands that `simulate` reads ahead: within this number they may be in any order, and memory stays bounded."""
-
-# Commands of a list of which the period is looked at.
-_FIRST = 100
-
-# Commands of a sequence that are posted together.
-_AT_ONCE = 4_000
-
-
-def _post_ahead(run: Simulation, commands: Iterable[Commands], rejected: list[str]) -> Iterator[int]:
-    """Post commands; yield repeatedly the time (ns) until which all have been posted, and finally the end."""
-    if hasattr(commands, "batches"):
-        yield from _post_batches(run, cast("Batches", commands), rejected)
-        return
-    if isinstance(commands, Sequence):
-        yield from _post_sequence(run, commands, rejected)
-        return
-    if not isinstance(commands, Iterable):
-        raise TypeError(f"commands is {shown(commands)}, expected (topic, wrench) pairs; give a list of them")
-    known_ns, newest_ns = -1, 0
-    waiting: list[Command] = []
-    for topic, command in each_command(commands):
-        stamp_ns = command.stamp_ns
-        if stamp_ns > newest_ns:
-            if len(waiting) >= LOOK_AHEAD and not run.ended:
-                rejected += _post(run, waiting)
-                known_ns, waiting = newest_ns, []
-                yield known_ns
-            newest_ns = stamp_ns
-        elif max(stamp_ns, 0) <= known_ns:
-            raise ValueError(
-                f"commands: found one at {stamp_ns} ns when the run had reached {known_ns} ns, expected them in the "
-                "order of their stamps; give a list, which may be in any order"
-            )
-        waiting.append((topic, command))
-    rejected += _post(run, waiting)
-    if run.end_ns is not None:
-        yield run.end_ns
-
-
-def _post(run: Simulation, commands: Sequence[Command]) -> list[str]:
-    """Post commands that may be in any order; return the reason for each rejected one."""
-    rejected: list[str] = []
-    came = _without_few(run, commands, rejected)
-    return rejected if came is None else rejected + run.post_batch(came.some(came.time_ns.argsort(kind="stable")))
-
-
-def _without_few(run: Simulation, commands: Sequence[Commands], rejected: list[str]) -> CommandBatch | None:
-    """Post those for which arrays do not pay: setpoints, those without a channel, a few; return the others as given."""
-    topics, kinds = {topic for topic, _ in commands}, {type(command) for _, command in commands}
-    numbers = {topic: number for topic in topics if (number := run.number_of(topic)) is not None}
-    few = sum(len(each) if isinstance(each, Wrenches) else 1 for _, each in commands[:FEWEST]) < FEWEST
-    if few or len(numbers) < len(topics) or Setpoint in kinds:
-        apart = [each for each in commands if few or each[0] not in numbers or isinstance(each[1], Setpoint)]
-        for topic, command in sorted(each_command(apart), key=_stamp_ns):
-            rejected += run.try_post(topic, command, command.stamp_ns)
-        if few:
-            return None
-        commands = [each for each in commands if each[0] in numbers and not isinstance(each[1], Setpoint)]
-    channels, wrenches = [numbers[topic] for topic, _ in commands], [each for _, each in commands]
-    if wrenches and isinstance(wrenches[0], Wrenches):
-        many = zip(cast("list[Wrenches]", wrenches), channels, strict=True)
-        return CommandBatch.joined([each.batch(channel, place) for place, (each, channel) in enumerate(many)])
-    return listed(channels, cast("list[Wrench]", wrenches))

@@ -33,7 +33,7 @@ from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.unset_stamps import FAR_NS
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 

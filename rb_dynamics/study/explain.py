@@ -27,8 +27,9 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, scale, subtract
 from rb_dynamics.run.plan import OPEN_END_HORIZON
+from rb_dynamics.run.posting import Command, each_command, post_all
 from rb_dynamics.run.scene_remarks import command_remarks, scene_remarks
-from rb_dynamics.run.simulation import Command, Simulation, each_command, post_all, without_outputs
+from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene, Solver
 from rb_dynamics.sensors.sensor_types import SENSORS

@@ -24,7 +24,8 @@ from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.inspection_text import as_text
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.sinks.mcap_sink import McapSink

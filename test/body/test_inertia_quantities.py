@@ -25,7 +25,7 @@ from rb_dynamics.errors import BodyError
 from rb_dynamics.loads.wrench import WrenchFrames
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import Vector
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.sinks.memory_sink import MemorySink
 

@@ -16,7 +16,7 @@ from rb_dynamics.errors import LogError
 from rb_dynamics.loads.actuator import Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS as SECOND
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.read import parse_scene
 
 

@@ -38,7 +38,7 @@ from rb_dynamics.formats.message_types import MAGNETIC_FIELD, ODOMETRY, POSE, QU
 from rb_dynamics.formats.topic_messages import KEPT
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.compare import compare

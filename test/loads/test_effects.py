@@ -28,7 +28,7 @@ from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics.rotation import angle_between, exp, multiply, normalize
 from rb_dynamics.numerics.vector import Vector, add, add_scaled, cross, dot, norm, scale, subtract
 from rb_dynamics.run.plan import Plan
-from rb_dynamics.run.simulation import Run, simulate
+from rb_dynamics.run.simulate import Run, simulate
 from rb_dynamics.scene.read import parse_scene
 
 SKEW = (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.read import parse_scene
 
 Array = NDArray[np.float64]

@@ -16,7 +16,8 @@ from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel, WrenchChan
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
 from rb_dynamics.numerics.rotation import rotate_inverse
-from rb_dynamics.run.simulation import Command, Simulation
+from rb_dynamics.run.posting import Command
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.study.continued_run import scene_at
 from rb_dynamics.study.replay import replay

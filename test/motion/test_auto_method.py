@@ -25,7 +25,8 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.plan import Plan
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
 

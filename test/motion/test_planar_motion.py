@@ -21,7 +21,7 @@ from rb_dynamics.motion.planar_motion import fixed_axis
 from rb_dynamics.motion.step_control import OwnControl, WholeArc
 from rb_dynamics.numerics.rotation import IDENTITY, angle_between, exp
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, subtract
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.read import parse_scene
 
 BODY = RigidBody.from_diagonal(1.7, (1.0, 2.0, 2.5))

@@ -31,7 +31,7 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.vector import ZERO, Vector, cross, norm, scale, subtract
 from rb_dynamics.run.ensemble import Ensemble, driven_motion
 from rb_dynamics.run.plan import Plan
-from rb_dynamics.run.simulation import Run, simulate
+from rb_dynamics.run.simulate import Run, simulate
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.study.explain import explain

@@ -12,7 +12,7 @@ from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.motion import Increment, Inertia, taylor
 from rb_dynamics.numerics.rotation import Quaternion, normalize
 from rb_dynamics.numerics.vector import ZERO, Vector, scale
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.read import parse_scene
 
 EPS = 2.0**-52

@@ -16,7 +16,7 @@ from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.report.html import Section, write_html
 from rb_dynamics.report.inspection_text import as_text
 from rb_dynamics.report.run_page import comparison_section, run_report, write_run_report
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 

@@ -119,7 +119,8 @@ def _run(scene: Scene, commands: Any, *sinks: Any) -> Any:
 def _singly(scene: Scene, commands: Any, *sinks: Any) -> Any:
     """Post commands one by one, and go from edge to edge without the kernel."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rb_dynamics.run.simulation.FEWEST", 10**9)
+        for module in ("simulation", "posting"):
+            patch.setattr(f"rb_dynamics.run.{module}.FEWEST", 10**9)
         return simulate(scene, list(commands), sinks)
 
 

@@ -21,8 +21,10 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import AppliedWrench, Channel
 from rb_dynamics.loads.wrench_command_arrays import Wrenches
 from rb_dynamics.numerics.vector import ZERO
+from rb_dynamics.run.posting import LOOK_AHEAD
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import LOOK_AHEAD, Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.scene import parse_scene
@@ -298,7 +300,7 @@ class TestCommands:
         self, ahead: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         for name in ("LOOK_AHEAD", "_AT_ONCE"):
-            monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], name, ahead)
+            monkeypatch.setattr(sys.modules["rb_dynamics.run.posting"], name, ahead)
         unknown = ("body", Wrench(frame_id="nowhere", stamp_ns=123_456_789))
         late = ("world", Wrench(frame_id="nowhere", stamp_ns=END + 1))
         told = []
@@ -314,7 +316,7 @@ class TestCommands:
     @pytest.mark.parametrize("at_once", [1, 3, 1000])
     def test_as_arrays_give_the_bits_of_single_ones(self, at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
         """In any order, of the past, for after the end, not finite, in a frame or on a channel that is not there."""
-        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "_AT_ONCE", at_once)
+        monkeypatch.setattr(sys.modules["rb_dynamics.run.posting"], "_AT_ONCE", at_once)
         random = np.random.default_rng(3)
         times = np.append(random.permutation(17) * 100_000_000, [-5, 500_000_000, END, END + 1])
         forces = random.normal(size=(len(times), 3))
@@ -358,7 +360,7 @@ class TestCommands:
         assert max(waiting) <= LOOK_AHEAD
 
     def test_out_of_order_and_too_late_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sys.modules["rb_dynamics.run.simulation"], "LOOK_AHEAD", 1)
+        monkeypatch.setattr(sys.modules["rb_dynamics.run.posting"], "LOOK_AHEAD", 1)
 
         with pytest.raises(ValueError, match="found one at 5 ns when the run had reached 123456789 ns"):
             simulate(driven(SOLVERS["whole step"]), iter([*COMMANDS[:3], ("world", Wrench(stamp_ns=5))]))

@@ -17,7 +17,7 @@ from rb_dynamics.body.particles import body_of_particles
 from rb_dynamics.body.shapes import SHAPES
 from rb_dynamics.errors import SceneError
 from rb_dynamics.numerics import rotation
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene, read_scene
 

@@ -20,7 +20,7 @@ from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.plan import Plan
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.memory_sink import MemorySink

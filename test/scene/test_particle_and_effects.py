@@ -6,7 +6,8 @@ import pytest
 
 from rb_dynamics.errors import SceneError, WrenchError
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.read import parse_scene
 
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\n"

@@ -10,7 +10,7 @@ import pytest
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.log_options import LogOptions
 from rb_dynamics.sinks.mcap_sink import LogSettings

@@ -28,7 +28,7 @@ from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import COMMAND_DEPTH, sample_depth
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RejectedWrench, RunInfo, Status
 from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.scene.read import parse_scene

@@ -22,7 +22,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.run.sink import AppliedWrench, Event, RunInfo, Status
 from rb_dynamics.scene import parse_scene, read_scene
 from rb_dynamics.scene.model import Scene

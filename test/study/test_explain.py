@@ -24,7 +24,8 @@ from rb_dynamics.motion import fixed_step_kernel
 from rb_dynamics.numerics import compilation
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.sensors.sensor_types import SENSORS

@@ -13,7 +13,7 @@ import pytest
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.simulation import Run, simulate
+from rb_dynamics.run.simulate import Run, simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.memory_sink import MemorySink

@@ -14,7 +14,7 @@ from rb_dynamics.body.state import IDENTITY, State
 from rb_dynamics.loads.wrench import Wrench, WrenchFrames
 from rb_dynamics.numerics import rotation
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.run.sink import Event, RunInfo
 from rb_dynamics.scene.model import Channel, Scene, Solver
 from rb_dynamics.sinks.rerun_sink import RerunSink

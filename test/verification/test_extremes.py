@@ -22,7 +22,8 @@ from rb_dynamics.motion.phase_state import PhaseState
 from rb_dynamics.numerics import rotation
 from rb_dynamics.numerics.vector import ZERO, Vector, norm, scale
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Scene, Solver
 
 SECOND = 1_000_000_000

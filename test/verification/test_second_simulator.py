@@ -21,7 +21,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import FixedFrame, Wrench, WrenchFrames
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene, Solver
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import Run, simulate
+from rb_dynamics.run.simulate import Run, simulate
 from rb_dynamics.scene.model import Scene, Solver
 
 PERIOD_NS = 10_000_000

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from rb_dynamics.formats.output_file import make_folder
     from rb_dynamics.logs.wrench_bags import read_wrenches
     from rb_dynamics.report.run_page import write_run_report
-    from rb_dynamics.run.simulation import simulate
+    from rb_dynamics.run.simulate import simulate
     from rb_dynamics.scene import read_scene
     from rb_dynamics.scene.shipped import shipped
     from rb_dynamics.sinks.rerun_sink import RerunSink
@@ -182,7 +182,7 @@ def _section(found: dict[str, Difference]) -> Section:
 def _same_bits_offline(scene: Scene, commands: list[tuple[str, Wrench]], mcap: Path) -> bool:
     """Return whether `simulate` with the same commands gives the states that the node logged, to the bit."""
     from rb_dynamics.logs.bag_reader import read_bag
-    from rb_dynamics.run.simulation import simulate
+    from rb_dynamics.run.simulate import simulate
     from rb_dynamics.sinks.state_hash import HashSink
 
     states = HashSink()

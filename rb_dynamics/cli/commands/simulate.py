@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from rb_dynamics.cli import output
-    from rb_dynamics.run.simulation import simulate
+    from rb_dynamics.run.simulate import simulate
 
     scene, commands = read_with_commands(args)
     spread = None

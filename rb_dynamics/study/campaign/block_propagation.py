@@ -26,9 +26,10 @@ from rb_dynamics.motion.kernel_layout import phase_of
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS, sample_ns
 from rb_dynamics.numerics.vector import ZERO, Vector, subtract
 from rb_dynamics.run.ensemble import Ensemble, body_of_arrays, initial_phases
+from rb_dynamics.run.posting import rejected_words
 from rb_dynamics.run.sample import Sample, torque_impulse
 from rb_dynamics.run.sample_arrays import Samples
-from rb_dynamics.run.simulation import Simulation, rejected_words, without_outputs
+from rb_dynamics.run.simulation import Simulation, without_outputs
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.study.campaign.control_inputs import NewestMeasurements, OnboardValues
 

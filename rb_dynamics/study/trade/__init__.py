@@ -15,7 +15,7 @@ from rb_dynamics.errors import SceneError
 from rb_dynamics.motion import METHODS, remedy
 from rb_dynamics.numerics.argument_checks import items, number, shown
 from rb_dynamics.run.plan import cannot_take
-from rb_dynamics.run.simulation import Command, each_command
+from rb_dynamics.run.posting import Command, each_command
 from rb_dynamics.scene import opened
 from rb_dynamics.scene.model import DEFAULT_ACCURACY, Scene
 from rb_dynamics.study.explain import fixed_costs, measured_length, probed

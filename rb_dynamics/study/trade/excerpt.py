@@ -16,8 +16,9 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import angle_between
 from rb_dynamics.numerics.vector import norm, subtract
 from rb_dynamics.run.plan import OPEN_END_HORIZON
+from rb_dynamics.run.posting import Command, post_all
 from rb_dynamics.run.sample import Sample
-from rb_dynamics.run.simulation import Command, Simulation, post_all
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.study.stopwatch import Stopwatch
 

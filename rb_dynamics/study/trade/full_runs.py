@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rb_dynamics.errors import ConvergenceError
-from rb_dynamics.run.simulation import Command
+from rb_dynamics.run.posting import Command
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.study.trade.excerpt import Excerpt
 from rb_dynamics.study.trade.result import TradeRow, Verdict, grown

@@ -10,7 +10,7 @@ import pytest
 
 from rb_dynamics.cli import main
 from rb_dynamics.report import html, interactive_plots
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene import parse_scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 

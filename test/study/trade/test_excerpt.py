@@ -14,7 +14,7 @@ from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.motion import fixed_step_kernel
 from rb_dynamics.motion.taylor import _expand
 from rb_dynamics.numerics import compilation
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.study.stopwatch import Stopwatch

@@ -10,7 +10,7 @@ import motions
 import pytest
 
 from rb_dynamics.loads.wrench import Wrench
-from rb_dynamics.run.simulation import simulate
+from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.study.stopwatch import Stopwatch

@@ -26,7 +26,8 @@ from rb_dynamics.motion import METHODS, fixed_step_kernel
 from rb_dynamics.numerics import compilation
 from rb_dynamics.report.html import write_html
 from rb_dynamics.report.trade_page import trade_report
-from rb_dynamics.run.simulation import Simulation, simulate
+from rb_dynamics.run.simulate import simulate
+from rb_dynamics.run.simulation import Simulation
 from rb_dynamics.scene.model import Scene, Solver
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.trade import Recommendation, Trade, TradeRow, reference, trade, work_precision
