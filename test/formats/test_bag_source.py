@@ -189,7 +189,7 @@ def test_a_mapped_channel_hears_that_topic_only(tmp_path: Path) -> None:
         "}{",
         "- " * 20_000,
         "[1," * 300_000,
-        "[" + "1," * 150_000 + "]",
+        "[" + "1," * 50_000 + "]",
         "a: &a [1]\nrosbag2_bagfile_information: {relative_file_paths: *a}\n",
         "rosbag2_bagfile_information: {relative_file_paths: [1]}\n",
         "rosbag2_bagfile_information: {relative_file_paths: [2001-99-99]}\n",

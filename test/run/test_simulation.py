@@ -746,7 +746,7 @@ class TestStateThatNothingFollows:
         run.advance(SECOND)
         assert reason in run.hindrance(StateChange.to(bad, run.scene.body))
         run.set_state(StateChange.to(bad, run.scene.body).at(2 * SECOND))
-        run.advance(590 * SECOND)
+        run.advance(3 * SECOND)
         [(_, told)] = run.refused
         assert reason in told
         assert reason in Simulation(dataclasses.replace(run.scene, initial=bad, text="")).hindrance()
