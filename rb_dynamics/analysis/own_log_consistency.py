@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +39,7 @@ from rb_dynamics.loads.wrench import HeldWrench
 from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.numerics.growing_array import give_back
-from rb_dynamics.numerics.nanoseconds import nanoseconds
+from rb_dynamics.numerics.nanoseconds import NANOSECONDS, nanoseconds
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import parse_scene
@@ -387,13 +388,20 @@ class _FitsScene:
                 missing = f"samples after {when} are missing: {self.scene.output_rate:g} Hz were due"
         return missing
 
+    def _unsampled(self, end_ns: int) -> float:
+        """Return for how long (ns) a run that ended at `end_ns` may have gone on after its last sample."""
+        if self.scene.output_rate > 0.0:
+            return 1.5 * NANOSECONDS / self.scene.output_rate
+        # Every step is an output. A run may be stopped within one, of a length that is not known here: where a sensor
+        # measures, a wheel switches, or a state was refused. At the end of a scene there is always a sample.
+        return 0.0 if end_ns == self.scene.end_ns else math.inf
+
     def _end(self) -> str:
         told, pose = self.track.bag.metadata.get(RESULT, {}).get("end_time_ns", ""), _topic(self.track, "pose")
         if not told or not told.isdecimal() or pose is None or not self.track.bag.complete:
             return ""
         end, last = int(told), int(pose.log_times[-1])
-        due = last + 1.5e9 / self.scene.output_rate if self.scene.output_rate else last
-        if not last <= end <= due:
+        if not last <= end <= last + self._unsampled(end):
             return f"the metadata say that the run ended at {end} ns, the last sample is at {last} ns"
         if self.scene.end_ns is not None and end > self.scene.end_ns:
             return f"the metadata say that the run ended at {end} ns, the scene at {self.scene.end_ns} ns"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from edited_logs import edited
 
-from rb_dynamics import Wrench, inspect, parse_scene, simulate
+from rb_dynamics import Simulation, Wrench, inspect, parse_scene, simulate
 from rb_dynamics.analysis import own_log_consistency
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.track import TimeSeries
@@ -44,6 +44,7 @@ COMMANDS = [
     ("push", Wrench((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), "nowhere", 400_000_000)),
     ("push", Wrench((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), "body", 1_999_999_999)),
 ]
+WHEEL = "type: reaction_wheel, name: w, axis: [0, 0, 1], inertia: 0.01, speed: 1, friction: {coulomb: 0.03}"
 ENERGY, ODOM = "energy/defect is T - T₀ - W", "/odom repeats pose and twist"
 MOMENTA = "momenta fit pose, twist and inertia"
 APPLIED, FITS = "applied wrenches fit the commands", "log fits its scene"
@@ -280,3 +281,30 @@ def test_commands_of_one_time_in_a_log_of_this_package_are_no_clock_that_stands(
     commands = [("push", Wrench((float(k), 0.0, 0.0))) for k in range(5)]
     simulate(scene, commands, [McapSink(tmp_path / "run.mcap")])
     assert inspect(tmp_path / "run.mcap").passed
+
+
+@pytest.mark.parametrize(
+    ("keys", "until_ns"),
+    [
+        ("sensors: [{type: imu, name: imu, rate: 33}]", 95_000_000),
+        ("sensors: [{type: imu, name: imu, rate: 33, delay: 0.5}]", 95_000_000),
+        (f"actuators: [{{{WHEEL}}}]", 330_000_000),
+    ],
+)
+@pytest.mark.parametrize("setting", ["step: 0.01", "accuracy: 1.0e-9"])
+def test_a_run_that_stopped_within_a_step_that_is_an_output(
+    tmp_path: Path, keys: str, until_ns: int, setting: str
+) -> None:
+    """It ends where a sensor measured or a wheel came to rest, after the last sample; inspect failed its log."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, -0.2, 0.1]}\n"
+        f"solver: {{method: dop853, {setting}}}\noutput_rate: 0\n{keys}\n"
+    )
+    path = tmp_path / "run.mcap"
+    run = Simulation(scene, [McapSink(path)])
+    run.start()
+    # A wheel comes to rest at 0.3294 s.
+    run.advance(until_ns - 1)
+    run.finish()
+    assert run.time_ns > int(read_bag(path).topics["/pose"].log_times[-1])
+    assert not failed(path)
