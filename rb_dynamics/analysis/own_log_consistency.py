@@ -212,8 +212,11 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         topic = _topic(track, channel.topic)
         came = track.bag.wrenches(topic.name) if topic is not None else []
         taken = [(at + channel.delay_ns, channels.check(channel.topic, wrench).held) for at, wrench in came]
-        since, before = _held_before(scene, channels, channel)
-        taken += [(0, before)] if before is not None else []
+        past = _taken_before(scene, channels, channel)
+        acting = [each for each in past if each[0] <= 0][-1:]
+        # A command that waited for the delay of its channel acts at its time.
+        taken += [(0, held) for _, held in acting] + [each for each in past if each[0] > 0]
+        since = acting[0][0] if acting else None
         sources.append((channel.topic, channel.timeout_ns, taken, since))
     for name, entries in scene.combined_effects.schedules():
         start_ns = 0 if scene.past is None else scene.past.length_ns
@@ -234,13 +237,17 @@ def _applied(track: Track, scene: Scene) -> Check | None:
     return Check(check, True, f"{count} wrench{'es' * (count != 1)}") if sources else None
 
 
-def _held_before(scene: Scene, channels: WrenchChannels, channel: Channel) -> tuple[int | None, HeldWrench | None]:
-    """Return what a channel held at the start of a scene that continues a run, and since when (ns), if anything."""
-    found: tuple[int | None, HeldWrench | None] = None, None
-    for topic, wrench, at in scene.past.commands if scene.past else ():
-        if topic == channel.topic and (held := channels.check(topic, wrench).held) is not None:
-            found = at + channel.delay_ns - (scene.past.length_ns if scene.past else 0), held
-    return found
+def _taken_before(scene: Scene, channels: WrenchChannels, channel: Channel) -> list[_Taken]:
+    """Return what a channel took before the start of a scene that continues a run, and when each acts (ns)."""
+    past = scene.past
+    if past is None:
+        return []
+    taken = [
+        (at + channel.delay_ns - past.length_ns, channels.check(topic, wrench).held)
+        for topic, wrench, at in past.commands
+        if topic == channel.topic
+    ]
+    return [(at, held) for at, held in taken if held is not None]
 
 
 def _unexpected(

@@ -23,6 +23,7 @@ from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
+from rb_dynamics.study.continued_run import scene_at
 
 TEXT = """
 body: {mass: 2, center_of_mass: [0.1, 0, 0.2], inertia: {matrix: [[1, 0.1, 0], [0.1, 2, -0.2], [0, -0.2, 2.5]]},
@@ -308,3 +309,17 @@ def test_a_run_that_stopped_within_a_step_that_is_an_output(
     run.finish()
     assert run.time_ns > int(read_bag(path).topics["/pose"].log_times[-1])
     assert not failed(path)
+
+
+def test_a_command_that_waits_where_a_scene_goes_on(tmp_path: Path) -> None:
+    """It acts after the delay of its channel; inspect took it to be held from the start, and failed the log."""
+    first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, delay: 0.4, timeout: 0.7}]\n"
+        "duration: 3\n"
+    )
+    commands = [("push", Wrench((x, 0.0, 0.0), stamp_ns=at)) for x, at in ((1.0, 500_000_000), (2.0, 1_000_000_000))]
+    simulate(scene, commands, [McapSink(first)])
+    simulate(parse_scene(scene_at(first, 1_200_000_000).text), sinks=[McapSink(then)])
+    assert not failed(then)
+    assert set(failed(edited(then, tmp_path / "wrong.mcap", scaled("/push/applied", 1.1)))) >= {APPLIED}
