@@ -72,9 +72,10 @@ def outcomes_of(
     # Every applied wrench without a command is a timeout, by the format of the log. A command without one was too
     # large.
     alone = acted - honoured
-    # A scene that continues a run begins with what was held.
-    if alone[0] and (steps.force[0].any() or steps.torque[0].any()):
-        alone -= Counter([0])
+    # A scene that continues a run begins with what was held, and with commands that wait for their delay: no drops.
+    acts = steps.force.any(axis=1) | steps.torque.any(axis=1)
+    early = steps.time_ns <= (0 if channel.lag else delay_ns)
+    alone -= Counter(steps.time_ns[acts & early].tolist()) - honoured
     drops = known(alone)
     too_large = [at for at in known(honoured - acted) if at != last]
     return CommandOutcomes(
