@@ -214,9 +214,10 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         taken = [(at + channel.delay_ns, channels.check(channel.topic, wrench).held) for at, wrench in came]
         past = _taken_before(scene, channels, channel)
         acting = [each for each in past if each[0] <= 0][-1:]
+        # A command at the start replaces what is held.
+        since = acting[0][0] if acting and not any(at == 0 and held for at, held in taken) else None
         # A command that waited for the delay of its channel acts at its time.
         taken += [(0, held) for _, held in acting] + [each for each in past if each[0] > 0]
-        since = acting[0][0] if acting else None
         sources.append((channel.topic, channel.timeout_ns, taken, since))
     for name, entries in scene.combined_effects.schedules():
         start_ns = 0 if scene.past is None else scene.past.length_ns

@@ -324,3 +324,15 @@ def test_a_command_that_waits_where_a_scene_goes_on(tmp_path: Path) -> None:
     # Its effect is no timeout.
     assert not any("timed out" in warning for warning in inspect(then).summary.warnings)
     assert set(failed(edited(then, tmp_path / "wrong.mcap", scaled("/push/applied", 1.1)))) >= {APPLIED}
+
+
+def test_a_command_at_the_time_at_which_a_scene_goes_on(tmp_path: Path) -> None:
+    """Its timeout begins there; inspect counted it from the command before, and failed the log."""
+    first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, timeout: 0.5}]\nduration: 3\n"
+    )
+    simulate(scene, [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(first)])
+    rest = parse_scene(scene_at(first, 400_000_000).text)
+    simulate(rest, [("push", Wrench((2.0, 0.0, 0.0)))], [McapSink(then)])
+    assert not failed(then)
