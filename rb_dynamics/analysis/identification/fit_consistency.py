@@ -40,8 +40,11 @@ class Estimate(NamedTuple):
 def predicting(model: Model, z: Array, scene: Scene, flights: Sequence[Flight]) -> Model:
     """Return the model of other flights of `scene`, what was found: their start and biases alone are to be fitted.
 
-    What the scene does not have, as a delay or the scale of a gyro, is held as it was found.
+    What the scene does not have, as a delay or the scale of a gyro, is held as it was found. The flights were read for
+    the scene of `model`.
     """
+    moved = np.array(scene.body.center_of_mass) - np.array(model.scene.body.center_of_mass)
+    flights = [flight.about(moved) for flight in flights]
     other = Model(scene, flights, ("initial", *(name for name in model.fit if name in _OF_SENSORS)))
     for name in _shared(model.layout, other.layout):
         found = model.layout[name]

@@ -92,6 +92,12 @@ class WrenchSeries:
     time_ns: Times
     held: Array
 
+    def about(self, moved: Array) -> WrenchSeries:
+        """Return the same with torques about a centre of mass that lies elsewhere by `moved`, body axes."""
+        held = self.held.copy()
+        held[:, 3:6] -= np.cross(moved, held[:, 12:])
+        return replace(self, held=held)
+
 
 @dataclass(frozen=True)
 class Flight:
@@ -134,6 +140,10 @@ class Flight:
                 f"{self.name}: found {most} samples of the motion, expected at least {_FEWEST} of a pose, an odometry, "
                 f"a twist or a gyro; {hint}record the flight again, or name another recording"
             )
+
+    def about(self, moved: Array) -> Flight:
+        """Return the same for a scene whose centre of mass lies elsewhere by `moved` (body axes, m)."""
+        return replace(self, channels=tuple(each.about(moved) for each in self.channels))
 
     def pieces(self) -> list[Flight]:
         """Return what was measured before, between and after moves, leaps of the clock and holes: none is led across.
