@@ -93,17 +93,19 @@ def read_track(
     spikes: bool = False,
     wheels: WheelSpeeds | None = None,
     thrusters: bool = True,
+    beside: Topic | None = None,
 ) -> Track:
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
     Spikes of a twist are named, and left out unless `spikes` are wanted. The reaction wheels of the scene turn as
-    `wheels` say; its thrusters push as commanded, if `thrusters` are wanted.
+    `wheels` say; its thrusters push as commanded, if `thrusters` are wanted. Of a bag of commands
+    alone, log times follow its stamps, if it has any, else those of `beside`, of another bag recorded at that time.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is
             damaged.
     """
-    return _TrackReader(bag, scene, choice or TopicChoice(), wheels, thrusters).track(spikes)
+    return _TrackReader(bag, scene, choice or TopicChoice(), wheels, thrusters, beside).track(spikes)
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,13 @@ class _TrackReader:
     """Looks up topics by type; among several, those next to the ones found, then those named as this package does."""
 
     def __init__(
-        self, bag: Bag, scene: Scene | None, choice: TopicChoice, wheels: WheelSpeeds | None, thrusters: bool
+        self,
+        bag: Bag,
+        scene: Scene | None,
+        choice: TopicChoice,
+        wheels: WheelSpeeds | None,
+        thrusters: bool,
+        beside: Topic | None,
     ) -> None:
         self.notes: list[str] = []
         if scene is not None and RUN in bag.metadata:
@@ -164,6 +172,7 @@ class _TrackReader:
             scene = None
         self.bag, self.scene, self.choice = bag, scene, choice
         self.turning, self.wheels, self.thrusters = wheels, wheels.topic if wheels else "", thrusters
+        self.beside = beside
         self.uses: dict[str, str] = {}
         self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
@@ -740,19 +749,14 @@ class _TrackReader:
 
         Topics of the same clock, up to the transport delay, are left as they are.
         """
-        motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
-        by = next((name for name in motion if self.bag.topics[name].stamps_given), "")
-        source = self.bag.topics[topic]
+        source, clock = self.bag.topics[topic], self._clock(topic)
         if RUN in self.bag.metadata or not source.count or (stamped and source.stamps_given):
             return ClockLine()
         if source.type_name in (*WRENCHES, SCALAR) and (told := in_bursts(topic, source.log_times)):
             self.doubt = self.doubt or f"cannot tell when {topic} acted: {told}"
-        if not by:
+        if clock is None or standing(clock.stamps):
             return ClockLine()
-        stamps = self.bag.topics[by].stamps
-        if standing(stamps):
-            return ClockLine()
-        line = StampClock.of(self.bag.topics[by].log_times, stamps).line
+        by, line = clock.name, StampClock.of(clock.log_times, clock.stamps).line
         off_s = max(line.error_s, line.ends_s)
         if not (line.straight and off_s * 1e9 <= APART_NS) and source.type_name in (*WRENCHES, SCALAR, JOINTS):
             self.doubt = self.doubt or (
@@ -769,6 +773,19 @@ class _TrackReader:
             "is."
         )
         return line
+
+    def _clock(self, topic: str) -> Topic | None:
+        """Return what has both log times and stamps, by which those of a topic without stamps are understood."""
+        motion = [name for name, use in self.uses.items() if use.startswith(("pose", "twist"))]
+        if found := next((self.bag.topics[name] for name in motion if self.bag.topics[name].stamps_given), None):
+            return found
+        if motion or self.beside is None:
+            return None
+        wrenches = (each for each in self.bag.topics.values() if each.type_name in WRENCHES and each.count)
+        if found := next((each for each in wrenches if each.stamps_given), None):
+            return found
+        mine, others = self.bag.topics[topic].log_times, self.beside.log_times
+        return self.beside if len(mine) and mine.min() <= others.max() and mine.max() >= others.min() else None
 
     def _on_one_clock(self, series: TimeSeries | None) -> TimeSeries | None:
         return None if series is None else replace(series, time_ns=self._line(series.topic).stamps(series.time_ns))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fired_thrusters import BEGIN, FITTED, SCENE, commands, contained, recorded, rough
-from foreign_bags import of, write_bag
+from foreign_bags import GEOMETRY, Row, header, of, write_bag
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.identification.flights import flight_of
@@ -129,3 +129,27 @@ def test_commands_may_be_in_a_bag_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(rb.SceneError, match="actuators: found commands to rod, expected only wheels, and thrusters"):
         rb.identify(rb.parse_scene(SCENE.replace("duration", f"{rod}{field}duration")), [str(whole)], ["mass"],
                     commands=[str(driven)])  # fmt: skip
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_commands_in_a_bag_of_their_own_go_by_the_stamps_where_log_times_are_of_another_clock(
+    tmp_path: Path, stamped: bool
+) -> None:
+    """By those of the motion, recorded at that time, or by those of a wrench beside them."""
+    scene, ahead = rb.parse_scene(SCENE + "wrenches: [{topic: wrench}]\n"), 3600 * 10**9
+    whole = recorded(tmp_path / "whole", scene, 10, ahead_ns=ahead)
+    rows: list[Row] = [
+        (f"/{topic}", "std_msgs/msg/Float64", BEGIN + each.stamp_ns + ahead, of("std_msgs/msg/Float64", each.value))
+        for topic, each in commands(np.random.default_rng([10, 31]))
+    ]
+    push = of("Wrench", of("Vector3", 0.0, 0.0, 0.0), of("Vector3", 0.0, 0.0, 0.0))
+    kind = f"{GEOMETRY}WrenchStamped"
+    times = [BEGIN + k * 10**9 for k in range(8)] if stamped else []
+    rows += [("/wrench", kind, at + ahead, of("WrenchStamped", header(at, "body"), push)) for at in times]
+    apart = write_bag(tmp_path / "commands", sorted(rows, key=lambda row: row[2]))
+    found = flight_of(read_bag(whole), scene, [str(apart)])
+    by_topic = {each.topic: each.time_ns.tolist() for each in found.channels}
+    for name in ("a", "b", "c"):
+        assert by_topic[f"/jet_{name}/command"] == by_topic[f"/sat/jet_{name}/command"]
+        (told,) = [note for note in found.notes if f"/commands: /jet_{name}/command has no stamps" in note]
+        assert told.endswith(f"put 3600 s earlier than it was logged, as {'/wrench' if stamped else '/sat/pose'} is.")

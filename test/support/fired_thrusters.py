@@ -42,10 +42,13 @@ def commands(rng: Any) -> list[tuple[str, rb.Setpoint]]:
     return found
 
 
-def recorded(folder: Path, scene: rb.Scene, seed: int, noise: float = 1e-4, late: float = 0.0) -> Path:
+def recorded(
+    folder: Path, scene: rb.Scene, seed: int, noise: float = 1e-4, late: float = 0.0, ahead_ns: int = 0
+) -> Path:
     """Fly the scene, and write what another program would: poses, a gyro and the commands, in a namespace.
 
-    The commands are recorded by up to `late` s later than they act, each by another time.
+    The commands are recorded by up to `late` s later than they act, each by another time. The clock of the log times is
+    ahead of that of the stamps.
     """
     delays = (1e9 * late * np.random.default_rng([seed, 32]).random(100)).astype(np.int64).tolist()
     rng = np.random.default_rng([seed, 31])
@@ -67,7 +70,8 @@ def recorded(folder: Path, scene: rb.Scene, seed: int, noise: float = 1e-4, late
         )
         rate = noise * rng.standard_normal(3) + sample.angular_velocity_body
         rows.append(("/sat/imu", IMU, stamp, imu(stamp, (0, 0, 0, 1), rate, (0, 0, 0), (False, True, False))))
-    return write_bag(folder, sorted(rows, key=lambda row: row[2]))
+    logged = [(topic, type_name, at + ahead_ns, message) for topic, type_name, at, message in rows]
+    return write_bag(folder, sorted(logged, key=lambda row: row[2]))
 
 
 def rough() -> rb.Scene:

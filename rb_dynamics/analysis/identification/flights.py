@@ -23,6 +23,7 @@ from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, Tim
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
+from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
@@ -479,7 +480,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     channels = _channels(track, scene, zero, end, path, notes)
     motion = next((each.topic for each in track.motion), "")
     choice = TopicChoice(wrenches=choice.wrenches, near=motion)
-    elsewhere, heard = acting_elsewhere(commands, scene, zero, end, path, notes, choice)
+    beside = next((bag.topics[each.topic] for each in track.motion if each.topic in bag.topics), None)
+    beside = beside if beside is not None and beside.stamps_given else None
+    elsewhere, heard = acting_elsewhere(commands, scene, zero, end, path, notes, choice, beside)
     channels += elsewhere
     unknown = unknown_commands(scene, heard | commanded_in(bag, scene), own, notes)
     moved = tuple((track.moved_ns - zero).tolist())
@@ -623,11 +626,12 @@ def acting_elsewhere(
     path: str,
     notes: list[str],
     choice: TopicChoice | None = None,
+    beside: Topic | None = None,
 ) -> tuple[list[WrenchSeries], set[str]]:
     """Return the wrenches of bags of the same clock, up to `end_ns`, from `zero`; `path` is the flight's.
 
     Beside them are the names of the actuators of the scene that these bags command. `notes` receives remarks for the
-    user; `choice` says which wrenches are the body's.
+    user; `choice` says which wrenches are the body's, `beside` how log times follow the stamps of the motion.
 
     Raises:
         LogError: a bag cannot be read or has no wrench, or one whose effect is not known.
@@ -635,7 +639,8 @@ def acting_elsewhere(
     channels, heard = list[WrenchSeries](), set[str]()
     for other in commands:
         bag = read_bag(other)
-        found = read_track(bag, scene, choice)
+        found = read_track(bag, scene, choice, beside=beside)
+        notes += [f"{other}: {note}" for note in found.notes if "has no stamps" in note]
         heard |= commanded_in(bag, scene)
         if lost := loss(bag.complete, bag.metadata):
             notes.append(f"{other} {lost}")
