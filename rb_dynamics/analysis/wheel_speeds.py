@@ -19,6 +19,8 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 # A curve between two samples has this many straight parts: they are nearer to it than the chord by its square.
 _FINER = 4
+# Noise, or a body that turns a wheel at its limit, takes it no further beyond its `max_speed`, by this factor.
+_BEYOND = 1.5
 
 
 class WheelSpeeds(NamedTuple):
@@ -57,6 +59,17 @@ class WheelSpeeds(NamedTuple):
             some = f"{len(after)} gaps, the longest of" if len(after) > 1 else "a gap of"
             gaps += f"; it has {some} {longest:.3g} s"
         return [f"{self.topic}: speeds of the wheels are taken as recorded, and as linear in between{gaps}"]
+
+    def beyond(self, wheels: Sequence[ReactionWheel]) -> list[str]:
+        """Return a remark on wheels, in the order of the speeds, that turn far beyond their `max_speed`."""
+        fastest = np.abs(self.speeds).max(axis=0, initial=0.0).tolist()
+        told = [
+            f"{wheel.name} turns at up to {speed:.4g} rad/s, with a max_speed of {wheel.max_speed:g} rad/s"
+            for wheel, speed in zip(wheels, fastest, strict=True)
+            if speed > _BEYOND * wheel.max_speed
+        ]
+        unit = "an inertia is wrong by 9.55 if the speeds are in rpm, by 57.3 if in degrees/s"
+        return [f"{self.topic}: {'; '.join(told)}: {unit}"] if told else []
 
     def curved(self) -> WheelSpeeds:
         """Return the same on a finer grid, with a smooth curve between the samples; Akima, J. ACM 17 (1970) 589."""

@@ -16,6 +16,7 @@ from foreign_bags import IMU, SENSOR, Row, header, imu, of, write_bag
 from scipy.integrate import solve_ivp
 
 import rb_dynamics as rb
+from rb_dynamics.analysis.identification.flights import flight_of
 from rb_dynamics.analysis.wheel_speeds import wheel_speeds
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -248,3 +249,14 @@ def test_speeds_without_stamps_count_from_when_they_were_logged(tmp_path: Path) 
         "as recorded, and as linear in between; without stamps, they count from when they were logged; it has 2 gaps, "
         "the longest of 0.03 s"
     )
+
+
+def test_speeds_far_beyond_the_limits_of_the_wheels_are_named(tmp_path: Path) -> None:
+    """As those in rpm are: the inertia would be ten times too large, and nothing in the motion would contradict it."""
+    flight = flown(1)
+    fastest = float(np.abs(flight.speeds).max())
+    for factor, count in ((1.0, 0), (60.0 / (2.0 * np.pi), 1)):
+        bag = recorded(flight._replace(speeds=factor * flight.speeds), tmp_path / f"{factor:.0f}", 1)
+        scene = rb.parse_scene(flight.scene().text.replace("max_speed: 1.0e+4", f"max_speed: {fastest}"))
+        notes = flight_of(read_bag(bag), scene).notes
+        assert sum("if the speeds are in rpm" in note for note in notes) == count

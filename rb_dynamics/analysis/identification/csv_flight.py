@@ -128,7 +128,7 @@ def read_csv_flight(
     if turning:
         recorded = WheelSpeeds.of("wheels", times - zero, found["wheels"])
         wheels = recorded.reaching(0, end - zero, path)
-        notes += recorded.remarks
+        notes += [*recorded.remarks, *recorded.beyond(scene.wheels)]
     flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, unknown=unknown)
     return flight.between_commands()
 

@@ -472,7 +472,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     notes = [note for note in track.notes if not any(word in note for word in ("inspected", "not checked"))]
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
     wheels = track.wheels.since(zero) if track.wheels else None
-    notes += wheels.remarks if wheels else []
+    notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
     streams = [*_of_pose(track, zero, notes), *_of_twist(track, scene, zero, notes)]
     notes += _jumps(track, {each.kind for each in streams}, zero)
