@@ -15,6 +15,7 @@ from rb_dynamics.formats.joint_states import names_of, velocities
 from rb_dynamics.formats.message_types import JOINTS
 from rb_dynamics.loads.reaction_wheel import ReactionWheel
 from rb_dynamics.logs.bag_reader import Bag
+from rb_dynamics.logs.topics_of_channels import foreign_to
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 # A curve between two samples has this many straight parts: they are nearer to it than the chord by its square.
@@ -108,8 +109,10 @@ class WheelSpeeds(NamedTuple):
         return self.of(self.topic, np.append(self.time_ns, at), np.vstack([self.speeds, there]))
 
 
-def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel]) -> WheelSpeeds:
+def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel], near: str = "") -> WheelSpeeds:
     """Return the speeds of all `wheels` from the topic that has most of them, by its stamps, if it has any.
+
+    Of several bodies in one bag it is that of the motion `near`, by their namespaces.
 
     Raises:
         LogError: no topic tells them.
@@ -135,7 +138,8 @@ def wheel_speeds(bag: Bag, wheels: Sequence[ReactionWheel]) -> WheelSpeeds:
             f"velocities of joints of these names ({heard or 'no such topic'}); name the wheels of the scene like the "
             "joints, or leave them out with --set actuators=[] if they stood still"
         )
-    topic = max(found, key=lambda name: len(found[name][0]))
+    foreign = foreign_to(near, found) if near else []
+    topic = max(found, key=lambda name: (name not in foreign, len(found[name][0])))
     log_times, stamps, speeds = found[topic]
     stamped = bool(stamps.any())
     return WheelSpeeds.of(topic, stamps if stamped else log_times, speeds)._replace(stamped=stamped)

@@ -260,3 +260,10 @@ def test_speeds_far_beyond_the_limits_of_the_wheels_are_named(tmp_path: Path) ->
         scene = rb.parse_scene(flight.scene().text.replace("max_speed: 1.0e+4", f"max_speed: {fastest}"))
         notes = flight_of(read_bag(bag), scene).notes
         assert sum("if the speeds are in rpm" in note for note in notes) == count
+
+
+def test_of_several_bodies_the_wheels_are_those_of_the_motion_that_is_chosen(tmp_path: Path) -> None:
+    at = [10**9 * k for k in range(1, 5)]
+    rows = [(f"/{body}/wheels", JOINTS, t, joints(t, NAMES, [v, v, v])) for t in at for body, v in (("a", 1), ("b", 2))]
+    bag, wheels = read_bag(write_bag(tmp_path / "bag", rows)), flown(1).scene().wheels
+    assert [wheel_speeds(bag, wheels, f"/{body}/imu").speeds[0, 0] for body in "ab"] == [1.0, 2.0]

@@ -457,7 +457,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     path, choice = str(bag.path), topics or TopicChoice()
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
-    turning = wheel_speeds(bag, scene.wheels) if scene.wheels else None
+    turning = wheel_speeds(bag, scene.wheels, choice.pose or choice.twist or "") if scene.wheels else None
     track = read_track(bag, None if own else scene, None if own else mine, wheels=turning)
     if any(series.hangs or (series.disorder and series.disorder.restarts) for series in track.motion):
         raise LogError(
