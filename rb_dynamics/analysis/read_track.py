@@ -59,6 +59,9 @@ from rb_dynamics.scene.model import Scene
 
 # ns by which a command to a thruster, which has no stamp, may have been recorded too late beside others.
 _LATE_NS = 20_000_000
+OF_SCENE = "the scene has"
+"""How a note begins that says what of the scene acts, but is not recorded."""
+
 # Largest part of the messages of a topic that may be of other frames, and are left out.
 STRAYS = 0.1
 
@@ -201,10 +204,10 @@ class _TrackReader:
                 f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not checked; "
                 "energy is, with the work that the run recorded."
             )
-        unrecorded = "" if own else self._unrecorded(wrenches)
+        unrecorded = [] if own else self._unrecorded(wrenches)
         if unrecorded:
             acted = False
-            self.notes.append(f"What moved the body is not all known: {unrecorded}.")
+            self.notes += (f"What moved the body is not all known: {each}." for each in unrecorded)
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
         body, body_from = self._body()
@@ -233,7 +236,7 @@ class _TrackReader:
             momenta_from=momenta_from,
             wrenches=wrenches,
             acted=acted,
-            unrecorded=unrecorded,
+            unrecorded="; ".join(unrecorded),
             doubt=self.doubt,
             body=body,
             body_from=body_from,
@@ -713,7 +716,7 @@ class _TrackReader:
         besides = f"the scene adds {others}" if others else "nothing else is assumed to act"
         return f"{', as the scene says: ' if told else ''}{', '.join(told)}; {besides}"
 
-    def _unrecorded(self, wrenches: Sequence[RecordedWrench]) -> str:
+    def _unrecorded(self, wrenches: Sequence[RecordedWrench]) -> list[str]:
         """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag.
 
         How commands of `wrenches` act is not in a bag either, if it depends on their channel.
@@ -737,12 +740,12 @@ class _TrackReader:
             for each in self.bag.topics.values()
             if each.type_name == JOINTS and each.count and each.name != self.wheels
         ]
-        return "; ".join(
-            [self.doubt] * bool(self.doubt)
-            + [f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt)
-            + [f"the scene has {', '.join(found)}"] * bool(found)
-            + [f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints)
-        )
+        return [
+            *[self.doubt] * bool(self.doubt),
+            *[f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt),
+            *[f"{OF_SCENE} {', '.join(found)}"] * bool(found),
+            *[f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints),
+        ]
 
     def _line(self, topic: str, stamped: bool = True) -> ClockLine:
         """Return how the log times of a topic without stamps, such as one not `stamped`, follow those of the motion.

@@ -17,7 +17,7 @@ from rb_dynamics.analysis.continuity import continuity, contradictions, jumps_to
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
-from rb_dynamics.analysis.read_track import STRAYS, TopicChoice, read_track
+from rb_dynamics.analysis.read_track import OF_SCENE, STRAYS, TopicChoice, read_track
 from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
@@ -468,8 +468,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     for each in track.motion:
         if told := overlaps(each, zero):
             raise LogError(f"{path}: {each.topic}: {told}; cut it to before or after that, with convert --from or --to")
-    # What concerns `inspect` alone is left out.
-    notes = [note for note in track.notes if not any(word in note for word in ("inspected", "not checked"))]
+    # What concerns `inspect` alone is left out: a fit models the effects, and says itself what it takes actuators for.
+    ours = ("inspected", "not checked", "nothing is judged", OF_SCENE)
+    notes = [note for note in track.notes if not any(word in note for word in ours)]
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
     wheels = track.wheels.since(zero) if track.wheels else None
     notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
