@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -235,8 +236,11 @@ def _places(
     if "gyro" in asked and not columns:
         # Of a table with both, the gyro is what was measured.
         asked.pop("rates", None)
+    taken = Counter(name for given in asked.values() for name in given)
     for quantity, given in asked.items():
         for name in given:
+            if taken[name] > 1:
+                raise LogError(f"columns: found {name!r} {taken[name]} times, expected each column once; name another")
             if names.count(name) != 1:
                 raise LogError(
                     f"{path}: found {names.count(name) or 'no'} columns {name!r} for {quantity} among "

@@ -101,6 +101,7 @@ def test_columns_that_convert_writes_need_no_names(tmp_path: Path) -> None:
     [
         ({"gyr": ["a"]}, [], "found 'gyr', expected some of .*; did you mean gyro?"),
         ({"gyro": ["wx", "wy"]}, [], "for gyro, expected 3 names of columns"),
+        ({"gyro": ["wx", "wy", "wx"]}, [], "columns: found 'wx' 2 times, expected each column once"),
         ({"gyro": ["wx", "wy", "wq"]}, [], "found no columns 'wq' for gyro among time_s, wx"),
         ({"time_s": ["stamp"]}, ["0,1,2,3"] * 5, "found no columns 'stamp'"),
         ({"gyro": ["wx", "wy", "wz"]}, ["0,1,2,x"], "line 2, wz: found 'x', expected a number"),
