@@ -72,8 +72,11 @@ class WheelSpeeds(NamedTuple):
         unit = "an inertia is wrong by 9.55 if the speeds are in rpm, by 57.3 if in degrees/s"
         return [f"{self.topic}: {'; '.join(told)}: {unit}"] if told else []
 
-    def curved(self) -> WheelSpeeds:
-        """Return the same on a finer grid, with a smooth curve between the samples; Akima, J. ACM 17 (1970) 589."""
+    def curved(self, draw: np.random.Generator | None = None) -> WheelSpeeds:
+        """Return the same on a finer grid, with a smooth curve between the samples; Akima, J. ACM 17 (1970) 589.
+
+        With `draw`, the curve lies on this or on the other side of the straight line, between any two samples anew.
+        """
         if len(self.time_ns) < 3:
             return self
         from scipy.interpolate import Akima1DInterpolator
@@ -82,6 +85,12 @@ class WheelSpeeds(NamedTuple):
         between = (self.time_ns[:-1, None] + steps).ravel()
         curve = Akima1DInterpolator((self.time_ns - self.time_ns[0]) * 1e-9, self.speeds)
         finer = curve((between - self.time_ns[0]) * 1e-9)
+        if draw is not None:
+            share = np.tile(np.arange(1, _FINER) / _FINER, len(steps))[:, None]
+            straight = np.repeat(self.speeds[:-1], _FINER - 1, axis=0)
+            straight += share * np.repeat(np.diff(self.speeds, axis=0), _FINER - 1, axis=0)
+            sides = np.repeat(draw.choice((-1.0, 1.0), (len(steps), finer.shape[1])), _FINER - 1, axis=0)
+            finer = straight + sides * (finer - straight)
         return self.of(self.topic, np.append(self.time_ns, between), np.vstack([self.speeds, finer]))
 
     def reaching(self, first_ns: int, last_ns: int, path: str) -> WheelSpeeds:

@@ -158,6 +158,42 @@ def test_what_slow_speeds_leave_open_is_in_the_intervals(tmp_path: Path) -> None
     assert told == 8
 
 
+def test_torques_that_change_between_samples_are_no_omission(tmp_path: Path) -> None:
+    """A log has no noise that would hide how wheels turned between its outputs."""
+    text = "body: {{mass: {}, inertia: {{matrix: {}}}}}\nduration: 8\noutput_rate: 50\nactuators:\n{}"
+    within, count = 0, 0
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 12])
+        truth = np.diag([0.4, 0.5, 0.6]) + 0.05 * (np.ones((3, 3)) - np.eye(3))
+        wheels = "".join(
+            f"  - {{type: reaction_wheel, name: wheel_{k}, axis: {rng.standard_normal(3).tolist()}, inertia: 0.005, "
+            f"max_torque: 1, speed: {rng.uniform(-50, 50)}}}\n"
+            for k in range(2)
+        )
+        commands: list[Any] = []
+        for at in np.arange(0.0, 8.0, 0.5):
+            (*force, x, y, z, first, second), (when, later, last) = rng.uniform(-1, 1, 8), rng.uniform(0.0, 0.4, 3)
+            turn = (0.15 * x, 0.15 * y, 0.15 * z)
+            commands += [
+                ("wrench", rb.Wrench(tuple(force), turn, "body", int(1e9 * (at + when)))),
+                ("wheel_0/command", rb.Setpoint(0.02 * first, int(1e9 * (at + later)))),
+                ("wheel_1/command", rb.Setpoint(0.02 * second, int(1e9 * (at + last)))),
+            ]
+        log = tmp_path / f"{seed}.mcap"
+        rb.simulate(rb.parse_scene(text.format(5, truth.tolist(), wheels)), commands, sinks=[McapSink(log)])
+        rough = rb.parse_scene(text.format(6, np.diag([0.5, 0.5, 0.5]).tolist(), wheels))
+        found = rb.identify(rough, log, ["mass", "center_of_mass", "inertia"])
+        assert not any(each.found for each in found.omissions), found.notes
+        for number in found.parameters:
+            if re.fullmatch("inertia.[xyz]{2}", number.name):
+                i, j = ("xyz".index(axis) for axis in number.name[-2:])
+                assert number.interval is not None
+                within += number.interval[0] <= truth[i, j] <= number.interval[1]
+                count += 1
+    assert count == 36
+    assert within >= 33
+
+
 def test_a_table_tells_the_speeds_in_columns(tmp_path: Path) -> None:
     flight = flown(3)
     path = tmp_path / "flight.csv"

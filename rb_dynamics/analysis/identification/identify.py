@@ -26,7 +26,7 @@ from rb_dynamics.analysis.identification.fit_consistency import (
     predicting,
 )
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, read_flight
-from rb_dynamics.analysis.identification.measurement_model import Body, Model, Predicted
+from rb_dynamics.analysis.identification.measurement_model import DRAWN, Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
 from rb_dynamics.analysis.identification.other_units import (
@@ -602,8 +602,9 @@ class _Report:
             both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
             self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
-        self.by_wheels = self._of_curved_speeds(weighted)
-        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels):
+        self.by_wheels = self._of_curved_speeds(weighted, self.model.with_curved_speeds())
+        drawn = [self._of_curved_speeds(weighted, other) / np.sqrt(DRAWN) for other in self.model.with_drawn_speeds()]
+        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn):
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
             # The only result is that the scene is not that of the recording: its values stay.
@@ -612,12 +613,12 @@ class _Report:
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
 
-    def _of_curved_speeds(self, weighted: Array) -> Array:
-        """Return how far near parameters move if the speeds of wheels are smooth between samples, and not linear.
+    def _of_curved_speeds(self, weighted: Array, other: Model | None) -> Array:
+        """Return how far near parameters move if the speeds of wheels between samples are those of `other`.
 
-        Neither is known, so this says how much the samples leave open.
+        They are not known, so this says how much the samples leave open.
         """
-        none, other = np.zeros(weighted.shape[1]), self.model.with_curved_speeds()
+        none = np.zeros(weighted.shape[1])
         if other is None or (here := self._misfit(self.z)[1]) is None or len(here) != len(weighted):
             return none
         there = self._misfit(self.z, other)[1]

@@ -64,6 +64,9 @@ _LOST = 1e150
 NODE = "state"
 """Kind of a stream of one row: the state (STATE,) in which the next segment of a flight begins; see `restarted`."""
 
+DRAWN = 16
+"""Ways in which wheels may have turned between samples of their speeds, drawn at random."""
+
 # Of the plausible, by how much a number is moved for a difference.
 _MOVED = 1e-6
 
@@ -201,15 +204,21 @@ class Model:
             seen = flight if end_ns is None else flight.until(end_ns[number])
             yield from self.of_flight(z, number, seen, derivatives)
 
-    def with_curved_speeds(self) -> Model | None:
-        """Return the same, with wheels whose speeds are smooth between samples; None without wheels."""
+    def with_curved_speeds(self, draw: np.random.Generator | None = None) -> Model | None:
+        """Return the same, with wheels whose speeds are curved between samples as `draw` says; None without wheels."""
         if all(flight.wheels is None for flight in self.flights):
             return None
         other = copy.copy(self)
         other.flights = tuple(
-            replace(flight, wheels=flight.wheels.curved()) if flight.wheels else flight for flight in self.flights
+            replace(flight, wheels=flight.wheels.curved(draw)) if flight.wheels else flight for flight in self.flights
         )
         return other
+
+    def with_drawn_speeds(self) -> list[Model]:
+        """Return the same with wheels whose speeds are curved at random between samples; none without wheels."""
+        draw = np.random.default_rng(0)
+        others = (self.with_curved_speeds(draw) for _ in range(DRAWN))
+        return [other for other in others if other is not None]
 
     def restarted(self, number: int, z: Array, state: Array) -> Model:
         """Return the same, in which a flight begins at the state (STATE,) of the centre of mass and not at its own."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rb_dynamics.analysis.identification.estimation import settled
 from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, RATES
-from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.measurement_model import DRAWN, Model
 from rb_dynamics.analysis.identification.parameters import ParameterBlock, moments_and_axes
 from rb_dynamics.analysis.identification.residual_whiteness import root_of, widened
 from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
@@ -170,12 +170,17 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
     old = _places(model, wide)
     z = np.zeros(wide.layout.count)
     z[old] = fit.z
-    roots, count = [], 0
+    roots, count, opened = [], 0, _left_open(model, fit)
+    width = next(iter(opened.values())).shape[2] if opened else 0
     for block in wide.blocks(z):
         left, weighted = stacked(block, fit.noise)
         if not sane(left, weighted):
             return []
-        roots.append(triangle(np.column_stack([weighted, left])))
+        moved = np.zeros((len(left), width))
+        if opened:
+            moved = np.vstack([opened[each.key][: len(each.left)].reshape(each.left.size, width) for each in block])
+            opened |= {each.key: opened[each.key][len(each.left) :] for each in block}
+        roots.append(triangle(np.column_stack([weighted, moved, left])))
         count += len(left)
     root = triangle(np.vstack(roots))
     found = []
@@ -189,6 +194,8 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         # As in the report of a fit: without a recording, each number is known to about what is plausible.
         covariance = covariance_of(part)
         step = -covariance @ (part.T @ root[:, -1])
+        by_wheels = (covariance @ (part.T @ root[:, -1 - width : -1]))[len(old) :]
+        of_wheels = by_wheels @ by_wheels.T
         of_load = covariance[len(old) :, len(old) :]
         smallest, largest = np.linalg.eigvalsh(of_load)[[0, -1]].tolist()
         if not 0.0 < smallest <= largest <= TOLD**2:
@@ -196,9 +203,10 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
             continue
         freedom = max(1.0, count - len(columns))
         level = max(1.0, float(np.sum((root[:, -1] + part @ step) ** 2)) / freedom)
-        chance = _chance(step[len(old) :], of_load * level, freedom, len(tried))
+        of_load = of_load * level + of_wheels
+        chance = _chance(step[len(old) :], of_load, freedom, len(tried))
         own = step[len(old) :]
-        value, error = start + scale * own, scale * np.sqrt(level * np.diagonal(of_load))
+        value, error = start + scale * own, scale * np.sqrt(np.diagonal(of_load))
         if candidate.kind == LinearDrag.kind and (value < -_PUSHED * error).any():
             # What adds energy is not drag.
             chance = 1.0
@@ -207,7 +215,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
             bands = fit_bands(after)
             if any(each.coloured for each in residuals_of(model, after, bands)):
                 covariance, freedom = widened(root_of(covariance), bands)
-                of_load = covariance[len(old) :, len(old) :]
+                of_load = covariance[len(old) :, len(old) :] + of_wheels
                 if float(np.linalg.eigvalsh(of_load)[-1]) > TOLD**2:
                     continue
                 chance = _chance(step[len(old) :], of_load, freedom, len(tried))
@@ -215,6 +223,23 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
         names = tuple(block.name for block in blocks)
         found.append(Trial(candidate, names, step[: len(old)], own, value, error, chance))
     return found
+
+
+def _left_open(model: Model, fit: Fit) -> dict[tuple[str, str, int], Array]:
+    """Return by how many times the noise (n, 3, k) each sample may change as wheels turn between samples of speeds.
+
+    The sum of the squares over k is a variance. Empty without wheels, or where the motion is lost.
+    """
+    curved = model.with_curved_speeds()
+    if curved is None:
+        return {}
+    here = {each.key: each.left for each in model.predict(fit.z, derivatives=False)}
+    ways: dict[tuple[str, str, int], list[Array]] = {key: [] for key in here}
+    for other, weight in ((curved, 1.0), *((each, DRAWN**-0.5) for each in model.with_drawn_speeds())):
+        for each in other.predict(fit.z, derivatives=False):
+            ways[each.key].append((each.left - here[each.key]) * weight / fit.noise[each.key])
+    found = {key: np.stack(each, axis=-1) for key, each in ways.items()}
+    return found if all(np.isfinite(each).all() for each in found.values()) else {}
 
 
 def _after(model: Model, fit: Fit, candidate: Candidate, step: Array) -> Fit:
