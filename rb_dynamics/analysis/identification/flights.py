@@ -471,7 +471,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     # What concerns `inspect` alone is left out: a fit models the effects, and says itself what it takes actuators for.
     ours = ("inspected", "not checked", "nothing is judged", OF_SCENE)
     notes = [note for note in track.notes if not any(word in note for word in ours)]
-    notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
+    notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene), *(_of_choice(choice, track) if own else [])]
     wheels = track.wheels.since(zero) if track.wheels else None
     notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
@@ -502,6 +502,15 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     if wheels:
         found = replace(found, wheels=wheels.reaching(*found.span_ns, path))
     return found if own else found.between_commands()
+
+
+def _of_choice(choice: TopicChoice, track: Track) -> list[str]:
+    """Return a remark where another motion was chosen than that of the run, which a log of this package has."""
+    used = [each.topic for each in track.motion]
+    passed = [each for each in (choice.pose, choice.twist) if each and f"/{each.lstrip('/')}" not in used]
+    passed += [":".join(choice.frames)] if choice.frames else []
+    told = f"this is a log of this package: its motion, {' and '.join(used)}, is fitted"
+    return [f"{told}, and not {' or '.join(passed)}, which was chosen"] if passed else []
 
 
 def _of_actuators(bag: Bag, scene: Scene) -> list[str]:

@@ -105,6 +105,14 @@ def test_topics_of_a_bag_can_be_chosen(tmp_path: Path) -> None:
     assert [each.topic for each in flight_of(bag, guess(body), [str(commands)], wanted).channels] == ["/b"]
 
 
+def test_a_log_of_this_package_says_that_its_own_motion_is_fitted(tmp_path: Path) -> None:
+    scene = parse_scene("body: {mass: 2, inertia: {diagonal: [0.02, 0.03, 0.04]}}\nduration: 1")
+    simulate(scene, sinks=[McapSink(tmp_path / "a.mcap")])
+    for choice, told in ((TopicChoice(pose="pose"), False), (TopicChoice(pose="/pose", twist="imu"), True)):
+        notes = flight_of(read_bag(str(tmp_path / "a.mcap")), scene, topics=choice).notes
+        assert any("and not imu, which was chosen" in note for note in notes) == told
+
+
 def test_gyro_alone_tells_ratios_and_its_bias() -> None:
     body, bias = RigidBody.from_diagonal(2.0, (0.02, 0.03, 0.04)), np.array([0.02, -0.01, 0.03])
     random = np.random.default_rng(3)
