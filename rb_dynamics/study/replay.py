@@ -402,6 +402,9 @@ class _Comparison:
         self._in_order = _InOrder(facts.scene) if by_rule_1 else None
         self._largest_energy, self._scales = 0.0, dict[str, list[float]]()
         self._newest_ns = 0
+        # When commands come at the time at which an earlier one of their channel expires, and the message of the last.
+        self._renewals = _renewals(facts)
+        self._renewed: dict[str, Message] = {}
         # Times of messages that each file has once, at its first sample, and which of them are still expected.
         self._begun: dict[str, list[int]] = {}
         self._at_start: dict[str, int] = {}
@@ -485,7 +488,8 @@ class _Comparison:
             return
         for topic, received in came:
             self._compare(topic, time_ns, received)
-        if self._in_order is None and self._fill(acting, 1) and self._waiting[acting][0].data == applied:
+        plain = self._in_order is None and acting not in self._renewals
+        if plain and self._fill(acting, 1) and self._waiting[acting][0].data == applied:
             self._compare(acting, time_ns, applied)
         else:
             self._compare_applied(changes.block.change(i))
@@ -534,8 +538,7 @@ class _Comparison:
         """Compare the hashes, and find messages that only the log has."""
         if self._found.gap_ns is not None:
             return
-        while self._read():
-            pass
+        self._read_rest()
         for topic, waiting in self._waiting.items():
             # A log that is still being written may have grown since its end was determined.
             messages = [each for each in waiting if self._facts.complete or each.log_time <= self._facts.end_ns]
@@ -641,11 +644,24 @@ class _Comparison:
     def _compare_applied(self, event: AppliedWrench) -> None:
         """Compare a change of the applied wrench."""
         topic, expected = self._facts.names[event.topic + APPLIED], encode_applied(event)
+        if topic in self._renewed and self._renewed[topic].log_time != event.time_ns:
+            self._pass_alike_timeout(topic)
         if self._fill(topic, 1) and self._waiting[topic][0].data != expected and event.received is not None:
             self._pass_timeout(topic, event)
         if self._in_order is not None:
             self._in_order.replayed(topic, event)
-        self._compare(topic, event.time_ns, expected)
+        message = self._compare(topic, event.time_ns, expected)
+        if message is not None and event.received is not None and event.time_ns in self._renewals.get(topic, ()):
+            self._renewed[topic] = message
+
+    def _pass_alike_timeout(self, topic: str) -> None:
+        """Skip a timeout at the exact time of the last command, if both have the same message.
+
+        Both do if the command is zero, or if the wrench follows with a lag. Which is skipped makes no difference.
+        """
+        last = self._renewed.pop(topic)
+        if self._fill(topic, 1) and self._waiting[topic][0] == last:
+            self._waiting[topic].popleft()
 
     def _pass_timeout(self, topic: str, command: AppliedWrench) -> None:
         """Skip a timeout at the exact time of a command on its channel: it had no effect.
@@ -771,6 +787,12 @@ class _Comparison:
                 self._in_order.logged(topic)
         return True
 
+    def _read_rest(self) -> None:
+        for topic in [*self._renewed]:
+            self._pass_alike_timeout(topic)
+        while self._read():
+            pass
+
     def _leave_out(self, topic: str, what: str) -> None:
         count = self._found.uncompared.get((topic, what), 0)
         self._found.uncompared[topic, what] = count + 1
@@ -832,6 +854,27 @@ class _InOrder:
     def _go_on(self) -> None:
         while self._order and self._changes.get(self._order[0]):
             self._hash.update(self._changes[self._order.popleft()].popleft())
+
+
+def _renewals(facts: _Facts) -> dict[str, set[int]]:
+    """Return, by the topic of what acts, the times (ns) of commands at which an earlier command expires.
+
+    A node that had advanced to that time before the command came has logged the timeout as well.
+    """
+    found: dict[str, set[int]] = {}
+    past, commands = facts.scene.past, facts.commands
+    for number, channel in enumerate(facts.scene.channels):
+        timeout_ns = channel.timeout_ns
+        if not timeout_ns or channel.delay:
+            continue
+        times = commands.time_ns[commands.channel == number]
+        earlier = times.tolist()
+        if past is not None:
+            earlier += [ns - past.length_ns for name, _, ns in past.commands if name == channel.topic]
+        renewing = times[np.isin(times - timeout_ns, earlier)]
+        if len(renewing):
+            found[facts.names[channel.topic + APPLIED]] = set(renewing.tolist())
+    return found
 
 
 def _numbers(message: Message) -> list[float]:

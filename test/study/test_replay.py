@@ -707,6 +707,38 @@ def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp
     assert {*hashes} == {open_result(at_once)}
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+@pytest.mark.parametrize("frame", ["body", "world"])
+@pytest.mark.parametrize("size", [0.0, 0.1])
+def test_a_command_at_the_timeout_of_another_may_look_like_the_timeout(
+    tmp_path: Path, lag: float, frame: str, size: float
+) -> None:
+    """A zero command and a timeout have the same message, and so do both where the wrench follows with a lag."""
+    scene = parse_scene(
+        f"body: {{mass: 2, inertia: {{diagonal: [1, 2, 3]}}}}\nwrenches: [{{topic: a, timeout: 0.1, lag: {lag}}}]\n"
+        "solver: {method: rkmk4, step: 0.05}\nduration: 0.5\noutput_rate: 20\n"
+    )
+    commands = [(0, 1.0), *((ns, size) for ns in (100_000_000, 200_000_000, 200_000_000, 350_000_000))]
+    for early in (True, False):
+        run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+        run.start()
+        for time_ns, torque in commands:
+            if not early:
+                # As a node in lockstep: time goes to the timeout before the next command has come.
+                run.advance(time_ns)
+            run.post("a", Wrench(torque=(0.0, 0.0, torque), frame_id=frame), time_ns)
+        run.advance(500_000_000)
+        run.finish()
+        assert replay(tmp_path / "run.mcap").identical
+
+    def add(messages: list[Message]) -> None:
+        last = max(i for i, each in enumerate(messages) if each.channel.topic == "/a/applied")
+        messages.insert(last, messages[last])
+
+    more = replay(edited(tmp_path / "run.mcap", tmp_path / "more.mcap", rearrange=add))
+    assert [line.split()[0] for line in more.missing] == ["/a/applied"]
+
+
 @pytest.mark.parametrize("delay", ["0.0", "0.013"])
 def test_a_command_that_is_replaced_at_its_time_is_tried_as_where_it_comes_alone(tmp_path: Path, delay: str) -> None:
     """A paused node knows only the first of them when it tries it."""
