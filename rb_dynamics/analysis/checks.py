@@ -159,7 +159,8 @@ def _whole(series: TimeSeries, track: Track) -> Check:
     steps = np.diff(series.time_ns)
     if not len(steps):
         return Check(name, True, f"{count} samples")
-    if lacks := "; ".join(filter(None, (told(series.time_ns, begin), _late(series, track)))):
+    holes = "" if track.at_steps else told(series.time_ns, begin)
+    if lacks := "; ".join(filter(None, (holes, _late(series, track)))):
         return Check(name, False, lacks)
     return Check(
         name, True, f"{count} samples{_repeated(series)}, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart"

@@ -318,6 +318,11 @@ class Track:
         """The scene of a log of this package."""
         return logged_scene(self.bag.attachments) if self.own else None
 
+    @property
+    def at_steps(self) -> bool:
+        """Whether this package logged a sample at every step, however long: long intervals are no gaps."""
+        return self.scene is not None and self.scene.output_rate == 0.0
+
     def from_imu(self, series: TimeSeries) -> bool:
         """Return whether an IMU measured a series: its attitude is an estimate."""
         topic = self.bag.topics.get(series.topic)

@@ -81,7 +81,7 @@ def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStat
     if pieces := missing(track):
         found.append(f"{pieces[0].upper()}{pieces[1:]}: what came and acted there is not known.")
     found += _commands(track, channels)
-    holes = {each.topic: gaps(each.time_ns) for each in track.motion}
+    holes = {each.topic: gaps(each.time_ns) for each in track.motion if not track.at_steps}
     found += [f"{topic} has {count} gap{'s' * (count > 1)}." for topic, count in holes.items() if count]
     found += remarks(track)
     if health is not None:

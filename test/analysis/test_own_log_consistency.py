@@ -311,6 +311,20 @@ def test_a_run_that_stopped_within_a_step_that_is_an_output(
     assert not failed(path)
 
 
+def test_long_steps_that_are_outputs_are_no_gaps(tmp_path: Path) -> None:
+    """Commands cut the first steps short; inspect called the long ones after them gaps."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, -0.2, 0.1]}\n"
+        "solver: {method: dop853, accuracy: 1.0e-9}\noutput_rate: 0\nduration: 10\n"
+    )
+    commands = [("wrench", Wrench(torque=(0.1, 0.0, 0.0), stamp_ns=ns)) for ns in range(0, 300_000_000, 1_000_000)]
+    path = tmp_path / "run.mcap"
+    simulate(scene, commands, [McapSink(path)])
+    found = inspect(path).summary
+    assert [check.name for check in found.checks if not check.passed] == []
+    assert not any("gap" in warning for warning in found.warnings)
+
+
 def test_a_command_that_waits_where_a_scene_goes_on(tmp_path: Path) -> None:
     """It acts after the delay of its channel; inspect took it to be held from the start, and failed the log."""
     first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
