@@ -86,8 +86,9 @@ from rb_dynamics.sinks.state_hash import StateHash, hashed_rows
 
 _PARTS = 100
 
-# Kind of messages that a replay cannot check.
+# Kinds of messages that a replay cannot check.
 _REJECTED = "rejected commands, whose numbers have no effect"
+_WAITING = "commands whose delay was not over at the end, so that their numbers have no effect"
 
 # Numbers of samples, of which there may be many.
 _BOOKS = {f"/{name}" for name, kind in (*SAMPLE_TOPICS, *WHEEL_TOPICS) if kind == SCALAR}
@@ -419,7 +420,8 @@ class _Comparison:
         self._encode = sample_encoder(scene, run.acceleration if accel else None)
         self._encode_block = None if accel else block_encoder(scene)
         self._body_frame = frames.body_frame
-        commands = {channel.topic for channel in scene.channels}
+        self._delay_ns = {channel.topic: channel.delay_ns for channel in scene.channels}
+        commands = {*self._delay_ns}
         self._applied = {names[name + APPLIED] for name in acting(scene)}
         self._certain = {names[topic] for topic in (*commands, *(each.topic for each in scene.actuators))}
         self._once = {names[MASS_PROPERTIES[0]]: lambda time_ns: encode_inertia(scene, time_ns)}
@@ -520,6 +522,8 @@ class _Comparison:
             self._compare_applied(event)
         elif isinstance(event, ReceivedWrench):
             self._compare_received(event)
+            if event.time_ns + self._delay_ns[event.topic] > self._facts.end_ns:
+                self._leave_out(self._facts.names[event.topic], _WAITING)
         elif isinstance(event, ActuatorCommand):
             self._compare(self._facts.names[event.topic], event.time_ns, encode_setpoint(event.value))
             if event.reason:

@@ -707,6 +707,18 @@ def test_the_order_in_which_changes_of_a_nanosecond_were_seen_does_not_count(tmp
     assert {*hashes} == {open_result(at_once)}
 
 
+def test_a_command_that_still_waits_at_the_end_is_not_compared(tmp_path: Path) -> None:
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: a, delay: 0.3}]\nduration: 1\n"
+        "solver: {method: rkmk4, step: 0.05}\n"
+    )
+    times = (0, 700_000_000, 700_000_001, 1_000_000_000)
+    simulate(scene, [("a", Wrench((1.0, 0.0, 0.0), stamp_ns=ns)) for ns in times], [McapSink(tmp_path / "run.mcap")])
+    found = replay(tmp_path / "run.mcap")
+    assert found.identical
+    assert [(topic, count) for (topic, _), count in found.uncompared.items()] == [("/a", 2)]
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.05])
 @pytest.mark.parametrize("frame", ["body", "world"])
 @pytest.mark.parametrize("size", [0.0, 0.1])
