@@ -719,6 +719,22 @@ def test_a_command_that_still_waits_at_the_end_is_not_compared(tmp_path: Path) -
     assert [(topic, count) for (topic, _), count in found.uncompared.items()] == [("/a", 2)]
 
 
+def test_a_body_that_is_moved_when_a_command_comes_at_the_timeout_of_another(tmp_path: Path) -> None:
+    """The command was known before: there was no timeout, but replay goes to the time of the move without it."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: a, timeout: 0.1}]\nduration: 0.5\n"
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    for time_ns in (0, 100_000_000, 200_000_000):
+        run.post("a", Wrench(torque=(0.0, 0.0, 0.1)), time_ns)
+    run.start()
+    run.advance(200_000_000)
+    run.set_state(StateChange.to(State(time_ns=200_000_000, position_world=(1.0, 2.0, 3.0)), scene.body))
+    run.advance(500_000_000)
+    run.finish()
+    assert replay(tmp_path / "run.mcap").identical
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.05])
 @pytest.mark.parametrize("frame", ["body", "world"])
 @pytest.mark.parametrize("size", [0.0, 0.1])
