@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -20,6 +21,10 @@ from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 
 # A curve between two samples has this many straight parts: they are nearer to it than the chord by its square.
 _FINER = 4
+# Samples follow each other evenly where none is later than the usual by this factor.
+_EVEN = 1.5
+# Of differences that tell the noise of speeds, and the median of the size of a normal number.
+_ORDERS, _MEDIAN = (3, 5, 7), 0.6745
 # Noise, or a body that turns a wheel at its limit, takes it no further beyond its `max_speed`, by this factor.
 _BEYOND = 1.5
 
@@ -92,6 +97,32 @@ class WheelSpeeds(NamedTuple):
             sides = np.repeat(draw.choice((-1.0, 1.0), (len(steps), finer.shape[1])), _FINER - 1, axis=0)
             finer = straight + sides * (finer - straight)
         return self.of(self.topic, np.append(self.time_ns, between), np.vstack([self.speeds, finer]))
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of each wheel's speeds, rad/s, by differences of high order; rounding counts as noise.
+
+        Of white noise those of any order tell the same, of what the wheels did the highest tell least; the median
+        passes over jumps of a torque.
+        """
+        spans = np.diff(self.time_ns)
+        found = np.full(self.speeds.shape[1], np.inf)
+        for order in _ORDERS:
+            if len(spans) < order:
+                break
+            even = np.convolve(spans <= _EVEN * np.median(spans), np.ones(order, dtype=int), "valid") == order
+            sizes = np.abs(np.diff(self.speeds, order, axis=0)[even]) / math.comb(2 * order, order) ** 0.5
+            if not len(sizes):
+                break
+            median, mean = np.median(sizes, axis=0) / _MEDIAN, np.sqrt(np.mean(sizes**2, axis=0))
+            # Where most do not change at all, they are rounded.
+            found = np.minimum(found, np.where(median > 0.0, median, mean))
+        return np.where(np.isfinite(found), found, 0.0)
+
+    def disturbed(self, number: int, by: float = 1.0) -> WheelSpeeds:
+        """Return the same with more noise, `by` times as large as that in it; of a `number` the same at every call."""
+        more = np.random.default_rng(number).standard_normal(self.speeds.shape)
+        return self._replace(speeds=self.speeds + by * self.noise * more)
 
     def reaching(self, first_ns: int, last_ns: int, path: str) -> WheelSpeeds:
         """Return the same from `first_ns` to `last_ns`: what an interval misses goes on as the samples next to it do.

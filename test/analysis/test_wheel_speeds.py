@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.identification.flights import flight_of
-from rb_dynamics.analysis.wheel_speeds import wheel_speeds
+from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -47,24 +47,31 @@ class Flight(NamedTuple):
         return rb.parse_scene(f"body: {{mass: 5, inertia: {{diagonal: {[rough] * 3}}}}}\nactuators:\n{wheels}{more}")
 
 
-def flown(seed: int, size: float = 0.03, held: float = 0.5, step: float = 0.01) -> Flight:
-    """Fly a random body whose wheels are driven by random torques of this size (N m), held for so long (s)."""
+def flown(seed: int, size: float = 0.03, held: float = 0.5, step: float = 0.01, dragged: bool = False) -> Flight:
+    """Fly a random body whose wheels are driven by random torques of this size (N m), held for so long (s).
+
+    If they are `dragged`, they begin at rest, and only viscous friction turns them, on a body that tumbles.
+    """
     rng = np.random.default_rng([seed, 8])
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    inertia = 0.1 * turn @ np.diag(rng.uniform(0.75, 1.25, 3)) @ turn.T
+    moments = rng.uniform(0.75, 1.25, 3)
+    inertia = 0.1 * turn @ np.diag([0.4, 0.9, 1.1] if dragged else moments) @ turn.T
     axes = np.linalg.qr(rng.standard_normal((3, 3)))[0] if seed % 2 else np.eye(3)
     wheels = 0.1 * rng.uniform(0.01, 0.04, 3)
+    coulomb, viscous = (0.0, 1e-3) if dragged else (1e-4, 1e-5)
     rest = np.linalg.inv(inertia - axes.T * wheels @ axes)
     torques = size * rng.uniform(-1.0, 1.0, (round(SECONDS / held), 3))
 
     def slope(t: float, state: Any, torque: Any) -> Any:
         rate, speed = state[:3], state[3:]
-        on_wheels = torque - 1e-5 * speed - 1e-4 * np.tanh(speed)
+        on_wheels = torque - viscous * speed - coulomb * np.tanh(speed)
         change = rest @ (-np.cross(rate, inertia @ rate + axes.T @ (wheels * speed)) - axes.T @ on_wheels)
         return np.hstack([change, on_wheels / wheels - axes @ change])
 
     times, rows = np.arange(0, SECONDS, step), []
     state = np.hstack([0.5 * rng.standard_normal(3), rng.uniform(-50, 50, 3)])
+    if dragged:
+        state, torques = np.hstack([2.0 * state[:3], np.zeros(3)]), 0.0 * torques
     for k, torque in enumerate(torques):
         span = (held * k, held * k + held)
         at = times[(times >= span[0] - 1e-9) & (times < span[1] - 1e-9)]
@@ -85,6 +92,7 @@ def recorded(
     seed: int,
     *,
     noise: float = 0.0,
+    gyro: float = 1e-3,
     first: int = 0,
     last: int | None = None,
     every: int = 2,
@@ -92,11 +100,11 @@ def recorded(
     """Write gyro, noisy, and speeds of the wheels, another joint among them, as another program does."""
     rng, begin = np.random.default_rng([seed, 9]), 1_700_000_000 * 10**9
     stamps = (begin + np.rint(flight.times * 1e9).astype(np.int64)).tolist()
-    gyro = flight.rates + 1e-3 * rng.standard_normal(flight.rates.shape)
+    rates = flight.rates + gyro * rng.standard_normal(flight.rates.shape)
     told = flight.speeds + noise * rng.standard_normal(flight.speeds.shape)
     rows: list[Row] = [
         ("/imu", IMU, at + 1000, imu(at, (0, 0, 0, 1), rate, (0, 0, 0), (False, True, False)))
-        for at, rate in zip(stamps, gyro, strict=True)
+        for at, rate in zip(stamps, rates, strict=True)
     ]
     order = ("wheel_z", "boom", "wheel_x", "wheel_y")
     rows += [
@@ -192,6 +200,35 @@ def test_torques_that_change_between_samples_are_no_omission(tmp_path: Path) -> 
                 count += 1
     assert count == 36
     assert within >= 33
+
+
+def test_noise_in_the_speeds_is_in_the_intervals(tmp_path: Path) -> None:
+    """Of the noise of the gyro alone, the truth is up to 2.6 errors off: by noise, what wheels do looks less."""
+    flight, off, told = flown(2, held=4.0, dragged=True), list[float](), 0
+    for seed in (100, 102):
+        path = recorded(flight, tmp_path / str(seed), seed, noise=0.003, gyro=2e-4, every=1)
+        found = rb.identify(flight.scene(), [str(path)], ["inertia"])
+        told += any("noise in the speeds of the wheels is much of the errors" in note for note in found.notes)
+        assert not any(each.found for each in found.omissions)
+        for number in found.parameters:
+            if re.fullmatch("inertia.[xyz]{2}", number.name) and number.standard_error is not None:
+                i, j = ("xyz".index(axis) for axis in number.name[-2:])
+                off.append(abs(number.value - flight.inertia[i, j]) / number.standard_error)
+    assert len(off) == 12
+    assert max(off) < 2.0
+    assert told
+
+
+def test_the_noise_of_speeds_is_that_of_their_samples_whatever_the_wheels_do() -> None:
+    rng, at = np.random.default_rng(1), np.arange(0, 10_000) * 10_000_000
+    smooth = 50.0 * np.sin(0.7e-9 * at)[:, None] + np.array([0.0, 20.0])
+    noisy = WheelSpeeds("/w", at, smooth + [0.02, 0.1] * rng.standard_normal(smooth.shape))
+    assert noisy.noise == pytest.approx([0.02, 0.1], rel=0.03)
+    assert noisy.disturbed(3).noise == pytest.approx(np.sqrt(2.0) * noisy.noise, rel=0.03)
+    rounded = WheelSpeeds("/w", at, np.round(smooth))
+    assert rounded.noise == pytest.approx(np.full(2, 12.0**-0.5), rel=0.3)
+    gap = WheelSpeeds("/w", at[[*range(5000), *range(8000, 10_000)]], smooth[[*range(5000), *range(8000, 10_000)]])
+    assert max(gap.noise) < 1e-4
 
 
 def test_a_table_tells_the_speeds_in_columns(tmp_path: Path) -> None:

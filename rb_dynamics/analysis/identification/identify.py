@@ -29,6 +29,7 @@ from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATE
 from rb_dynamics.analysis.identification.measurement_model import DRAWN, Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
+from rb_dynamics.analysis.identification.noise_of_wheels import noise_of_wheels
 from rb_dynamics.analysis.identification.other_units import (
     doubt_of_acceleration,
     doubt_of_center,
@@ -604,7 +605,9 @@ class _Report:
         # What the recordings determine stays determined, with an error that covers what may have moved it.
         self.by_wheels = self._of_curved_speeds(weighted, self.model.with_curved_speeds())
         drawn = [self._of_curved_speeds(weighted, other) / np.sqrt(DRAWN) for other in self.model.with_drawn_speeds()]
-        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn):
+        self.by_noise, spread = noise_of_wheels(model, fit, self.local)
+        self.covariance = self.covariance + spread
+        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn, self.by_noise):
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
             # The only result is that the scene is not that of the recording: its values stay.
@@ -754,14 +757,20 @@ class _Report:
         )
 
     def _of_wheels(self) -> list[str]:
-        """Return a remark where much of the errors is that wheels are not known between samples of their speeds."""
-        shift = self.shift(self.local @ self.by_wheels)
-        note = (
+        """Return remarks where much of the errors is noise in speeds of wheels, or what these did between samples."""
+        between = (
             "what the wheels did between samples of their speeds is much of the errors: smooth there, and not linear, "
-            f"they would move numbers of the body by {shift:.2g} standard errors. The intervals are widened to include "
+            "they would move numbers of the body by {:.2g} standard errors. The intervals are widened to include "
             "that; record the speeds more often"
         )
-        return [note] if _MUCH <= shift < np.inf else []
+        noisy = (
+            "noise in the speeds of the wheels is much of the errors: what they do looks less by it, which moves "
+            "numbers of the body by {:.2g} standard errors. The intervals are widened to include that; turn the wheels "
+            "faster"
+        )
+        told = [(between, self.by_wheels), (noisy, self.by_noise)]
+        shifts = [(note, self.shift(self.local @ step)) for note, step in told]
+        return [note.format(shift) for note, shift in shifts if _MUCH <= shift < np.inf]
 
     def _reversed(self) -> list[str]:
         """Return the inertias of rotors that were found negative: their momentum is opposite to that of the scene."""

@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from operator import methodcaller
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -23,6 +24,7 @@ from rb_dynamics.analysis.identification.flights import (
 )
 from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, ParameterBlock, rows_of
 from rb_dynamics.analysis.track import Array, Times
+from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, SceneError
 from rb_dynamics.loads.combined_effects import CombinedEffects
@@ -65,7 +67,7 @@ NODE = "state"
 """Kind of a stream of one row: the state (STATE,) in which the next segment of a flight begins; see `restarted`."""
 
 DRAWN = 16
-"""Ways in which wheels may have turned between samples of their speeds, drawn at random."""
+"""Ways in which wheels may have turned, between samples of their speeds or by the noise of these, drawn at random."""
 
 # Of the plausible, by how much a number is moved for a difference.
 _MOVED = 1e-6
@@ -204,15 +206,24 @@ class Model:
             seen = flight if end_ns is None else flight.until(end_ns[number])
             yield from self.of_flight(z, number, seen, derivatives)
 
-    def with_curved_speeds(self, draw: np.random.Generator | None = None) -> Model | None:
-        """Return the same, with wheels whose speeds are curved between samples as `draw` says; None without wheels."""
+    def with_speeds(self, of: Callable[[WheelSpeeds], WheelSpeeds]) -> Model | None:
+        """Return the same, with wheels that turn otherwise than recorded; None without wheels."""
         if all(flight.wheels is None for flight in self.flights):
             return None
         other = copy.copy(self)
         other.flights = tuple(
-            replace(flight, wheels=flight.wheels.curved(draw)) if flight.wheels else flight for flight in self.flights
+            replace(flight, wheels=of(flight.wheels)) if flight.wheels else flight for flight in self.flights
         )
         return other
+
+    def with_curved_speeds(self, draw: np.random.Generator | None = None) -> Model | None:
+        """Return the same, with wheels whose speeds are curved between samples as `draw` says; None without wheels."""
+        return self.with_speeds(lambda wheels: wheels.curved(draw))
+
+    def with_noisy_speeds(self, by: float = 1.0) -> list[Model]:
+        """Return the same with more noise in the speeds of wheels, see `WheelSpeeds.disturbed`; none without wheels."""
+        others = (self.with_speeds(methodcaller("disturbed", number, by)) for number in range(DRAWN))
+        return [other for other in others if other is not None]
 
     def with_drawn_speeds(self) -> list[Model]:
         """Return the same with wheels whose speeds are curved at random between samples; none without wheels."""

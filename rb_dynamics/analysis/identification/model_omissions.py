@@ -226,7 +226,7 @@ def trials(model: Model, fit: Fit, known: Sequence[Trial] = ()) -> list[Trial]:
 
 
 def _left_open(model: Model, fit: Fit) -> dict[tuple[str, str, int], Array]:
-    """Return by how many times the noise (n, 3, k) each sample may change as wheels turn between samples of speeds.
+    """Return by how many times the noise (n, 3, k) each sample may change as wheels turn otherwise than recorded.
 
     The sum of the squares over k is a variance. Empty without wheels, or where the motion is lost.
     """
@@ -234,8 +234,9 @@ def _left_open(model: Model, fit: Fit) -> dict[tuple[str, str, int], Array]:
     if curved is None:
         return {}
     here = {each.key: each.left for each in model.predict(fit.z, derivatives=False)}
+    drawn = (*model.with_drawn_speeds(), *model.with_noisy_speeds())
     ways: dict[tuple[str, str, int], list[Array]] = {key: [] for key in here}
-    for other, weight in ((curved, 1.0), *((each, DRAWN**-0.5) for each in model.with_drawn_speeds())):
+    for other, weight in ((curved, 1.0), *((each, DRAWN**-0.5) for each in drawn)):
         for each in other.predict(fit.z, derivatives=False):
             ways[each.key].append((each.left - here[each.key]) * weight / fit.noise[each.key])
     found = {key: np.stack(each, axis=-1) for key, each in ways.items()}
