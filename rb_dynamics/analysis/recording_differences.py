@@ -709,7 +709,26 @@ def _constants(found: Mapping[str, Difference]) -> list[str]:
                 f"The positions of B lie ({place}) m from those of A{axes}, throughout: without that {rest:.3g} m "
                 "(rms) would remain."
             )
-    return told + ([] if attitude is None else _in_world(found, attitude))
+    return told + ([] if attitude is None else [*_as_another_writes(attitude), *_in_world(found, attitude)])
+
+
+def _as_another_writes(attitude: Difference) -> list[str]:
+    """Return a remark on quaternions that fit those of the other if they are of the inverse, or begin with w."""
+    if len(attitude.size) < 4 or attitude.rms <= max(1e-12, 4.0 * attitude.interpolation):
+        return []
+    first, second = attitude.first, attitude.second
+    readings = {
+        "one of the two look like the inverse, from world to body axes": (first, second * [-1.0, -1.0, -1.0, 1.0]),
+        "A look like w, x, y, z in place of x, y, z, w": (np.roll(first, -1, axis=1), second),
+        "B look like w, x, y, z in place of x, y, z, w": (first, np.roll(second, -1, axis=1)),
+    }
+    rest = {
+        told: float(np.sqrt(np.mean(np.sum(rotations_between(*both) ** 2, axis=1)))) for told, both in readings.items()
+    }
+    told = min(rest, key=rest.__getitem__)
+    if rest[told] * _CONSTANT >= attitude.rms:
+        return []
+    return [f"The quaternions of {told}: read so, {rest[told]:.3g} rad (rms) would remain. Nothing is corrected."]
 
 
 def _in_world(found: Mapping[str, Difference], attitude: Difference) -> list[str]:

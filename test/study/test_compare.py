@@ -454,6 +454,29 @@ def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, fold
     assert TURN[3] < 1.0
 
 
+@pytest.mark.parametrize(
+    ("written", "told"),
+    [
+        (lambda q: q * [-1, -1, -1, 1], "The quaternions of one of the two look like the inverse"),
+        (lambda q: np.roll(q, 1, axis=1), "The quaternions of B look like w, x, y, z in place of x, y, z, w"),
+    ],
+    ids=["inverse", "w first"],
+)
+def test_quaternions_as_another_writes_them_are_named(log: Path, folder: Path, written: Any, told: str) -> None:
+    bag = read_track(read_bag(foreign(folder / "quaternions.mcap", log)))
+    assert bag.pose is not None
+    values = np.hstack([bag.pose.values[:, :3], written(bag.pose.values[:, 3:])])
+    other = replace(bag, pose=replace(bag.pose, values=values))
+    found = compare_tracks(Given(bag, "a"), Given(other, "b"), Alignment("stamp", 0))
+    (note,) = (note for note in found.notes if "quaternions" in note)
+    assert note.startswith(told)
+    assert found.differences["attitude"].max > 0.1
+    back = compare_tracks(Given(other, "a"), Given(bag, "b"), Alignment("stamp", 0))
+    assert any(each.startswith(told.replace("of B", "of A")) for each in back.notes)
+    alike = compare_tracks(Given(bag, "a"), Given(bag, "b"), Alignment("stamp", 0))
+    assert not any("quaternions" in each for each in alike.notes)
+
+
 @pytest.mark.parametrize("every", [1, 2, 3])
 def test_another_point_of_the_body_and_another_body_frame_are_named(log: Path, folder: Path, every: int) -> None:
     """At other rates than those of A, the point was not named."""
