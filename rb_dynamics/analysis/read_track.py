@@ -719,6 +719,7 @@ class _TrackReader:
     def _unrecorded(self, wrenches: Sequence[RecordedWrench]) -> list[str]:
         """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag.
 
+        What a fit may model, that which the scene has, is apart.
         How commands of `wrenches` act is not in a bag either, if it depends on their channel.
         """
         found, doubt = list[str](), ""
@@ -740,12 +741,12 @@ class _TrackReader:
             for each in self.bag.topics.values()
             if each.type_name == JOINTS and each.count and each.name != self.wheels
         ]
-        return [
+        others = [
             *[self.doubt] * bool(self.doubt),
             *[f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt),
-            *[f"{OF_SCENE} {', '.join(found)}"] * bool(found),
             *[f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints),
         ]
+        return [*["; ".join(others)] * bool(others), *[f"{OF_SCENE} {', '.join(found)}"] * bool(found)]
 
     def _line(self, topic: str, stamped: bool = True) -> ClockLine:
         """Return how the log times of a topic without stamps, such as one not `stamped`, follow those of the motion.
