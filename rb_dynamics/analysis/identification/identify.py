@@ -603,8 +603,7 @@ class _Report:
             both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
             self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
-        self.by_wheels = self._of_curved_speeds(weighted, self.model.with_curved_speeds())
-        drawn = [self._of_curved_speeds(weighted, other) / np.sqrt(DRAWN) for other in self.model.with_drawn_speeds()]
+        self.by_wheels, drawn = self._of_curved_speeds(weighted)
         self.by_noise, spread = noise_of_wheels(model, fit, self.local)
         self.covariance = self.covariance + spread
         for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn, self.by_noise):
@@ -616,19 +615,25 @@ class _Report:
 
         self.freedom, self.quantile = freedom, float(stdtrit(freedom, 0.975))
 
-    def _of_curved_speeds(self, weighted: Array, other: Model | None) -> Array:
-        """Return how far near parameters move if the speeds of wheels between samples are those of `other`.
+    def _of_curved_speeds(self, weighted: Array) -> tuple[Array, list[Array]]:
+        """Return how far near parameters move if wheels turn otherwise between samples of their speeds.
 
-        They are not known, so this says how much the samples leave open.
+        First by a smooth curve; then by each of such curves drawn at random, over the root of their number. What is
+        true is not known, so this says how much the samples leave open.
         """
-        none = np.zeros(weighted.shape[1])
-        if other is None or (here := self._misfit(self.z)[1]) is None or len(here) != len(weighted):
-            return none
-        there = self._misfit(self.z, other)[1]
-        if there is None or not np.isfinite(there).all():
-            return none
-        step: Array = covariance_of(weighted) @ (weighted.T @ (there - here))
-        return step
+        none, other = np.zeros(weighted.shape[1]), self.model.with_curved_speeds()
+        here = None if other is None else self._misfit(self.z)[1]
+        if other is None or here is None or len(here) != len(weighted):
+            return none, []
+
+        def step(other: Model) -> Array:
+            there = self._misfit(self.z, other)[1]
+            if there is None or not np.isfinite(there).all():
+                return none
+            found: Array = covariance_of(weighted) @ (weighted.T @ (there - here))
+            return found
+
+        return step(other), [step(each) / np.sqrt(DRAWN) for each in self.model.with_drawn_speeds()]
 
     def _of_constant_rates(self, bands: Sequence[Sequence[Band]]) -> Array:
         """Return the directions (p, k) in which rates and bias of gyros change alike, where a constant fits as well.
