@@ -25,6 +25,9 @@ _FINER = 4
 _EVEN = 1.5
 # Of differences that tell the noise of speeds, and the median of the size of a normal number.
 _ORDERS, _MEDIAN = (3, 5, 7), 0.6745
+# Steps to which speeds may be rounded, rad/s, the coarsest first: from 10 rpm and 1 rad/s; speeds fit to this share.
+_STEPS = tuple(unit * part * 10.0**-digits for digits in range(4) for part in (1.0, 0.5) for unit in (math.pi / 3, 1.0))
+_OFF_STEP = 1e-4
 # Noise, or a body that turns a wheel at its limit, takes it no further beyond its `max_speed`, by this factor.
 _BEYOND = 1.5
 
@@ -119,10 +122,24 @@ class WheelSpeeds(NamedTuple):
             found = np.minimum(found, np.where(median > 0.0, median, mean))
         return np.where(np.isfinite(found), found, 0.0)
 
+    @property
+    def offset(self) -> Array:
+        """Standard deviation by rounding of each wheel's speeds where these hold still, rad/s: no sample shows it.
+
+        Those of a wheel at rest are taken as true.
+        """
+        still = [len(np.unique(each)) <= 2 and bool(each.any()) for each in self.speeds.T]
+        for step in _STEPS if any(still) else ():
+            levels = self.speeds / step
+            if np.abs(levels - np.rint(levels)).max() <= _OFF_STEP:
+                return np.where((np.ptp(levels, axis=0) < 1.5) & still, step / math.sqrt(12.0), 0.0)
+        return np.zeros(len(still))
+
     def disturbed(self, number: int, by: float = 1.0) -> WheelSpeeds:
         """Return the same with more noise, `by` times as large as that in it; of a `number` the same at every call."""
-        more = np.random.default_rng(number).standard_normal(self.speeds.shape)
-        return self._replace(speeds=self.speeds + by * self.noise * more)
+        draw = np.random.default_rng(number)
+        more = self.noise * draw.standard_normal(self.speeds.shape)
+        return self._replace(speeds=self.speeds + by * (more + self.offset * draw.standard_normal(len(more.T))))
 
     def reaching(self, first_ns: int, last_ns: int, path: str) -> WheelSpeeds:
         """Return the same from `first_ns` to `last_ns`: what an interval misses goes on as the samples next to it do.

@@ -136,6 +136,40 @@ def test_the_inertia_of_a_body_turned_by_its_wheels_is_found(tmp_path: Path, noi
     assert max(errors) < 2e-3
 
 
+@pytest.mark.parametrize("step", [0.1, 0.5, np.pi / 30.0])
+def test_rounding_of_speeds_that_hold_still_is_in_the_intervals(tmp_path: Path, step: float) -> None:
+    """Drives hold the speeds: no sample differs from another, and all are off by the same."""
+    times, off = np.arange(0, SECONDS, 0.01), list[float]()
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 10])
+        inertia, axes, wheels = 0.1 * np.diag([0.7, 0.9, 1.2]), np.eye(3), np.full(3, 2e-4)
+        speed = rng.uniform(-200, 200, 3)
+
+        def slope(t: float, rate: Any, inertia: Any = inertia, momentum: Any = wheels * speed) -> Any:
+            return np.linalg.solve(inertia, -np.cross(rate, inertia @ rate + momentum))
+
+        flown_by = solve_ivp(slope, (0, SECONDS), 0.4 * rng.standard_normal(3), "DOP853", times, rtol=1e-11, atol=1e-12)
+        told = np.tile(np.rint(speed / step) * step, (len(times), 1))
+        flight = Flight(inertia, axes, wheels, times, flown_by.y.T, told)
+        path = recorded(flight, tmp_path / str(seed), seed, gyro=1e-4)
+        found = rb.identify(flight.scene(), [str(path)], ["inertia"])
+        assert not [each.what for each in found.omissions if each.found]
+        for number in found.parameters:
+            if number.standard_error and re.fullmatch("inertia.[xyz]{2}", number.name):
+                i, j = ("xyz".index(axis) for axis in number.name[-2:])
+                off.append(abs(number.value - inertia[i, j]) / number.standard_error)
+    assert len(off) == 18
+    assert max(off) < 3.5
+
+
+def test_speeds_that_change_or_are_not_rounded_have_no_offset() -> None:
+    times = np.arange(4) * 10**9
+    still, change, rest = np.full(4, 100.1), np.array([7.0, 9.0, 12.0, 3.0]), np.zeros(4)
+    told = WheelSpeeds.of("", times, np.column_stack([still, change, rest])).offset
+    assert told == pytest.approx([0.1 / 12**0.5, 0.0, 0.0])
+    assert not WheelSpeeds.of("", times, np.column_stack([still + np.pi / 100, change, rest])).offset.any()
+
+
 def test_the_scene_found_has_the_speeds_with_which_the_recording_begins(tmp_path: Path) -> None:
     flight = flown(2)
     path, scene = recorded(flight, tmp_path / "bag", 2), flight.scene()
