@@ -140,6 +140,26 @@ def test_the_logs_of_both_become_that_of_the_whole_run(
     assert all(at_ns == wrench.stamp_ns for at_ns, wrench in wrenches[1])
 
 
+@pytest.mark.parametrize("with_acceleration", ["first", "last"])
+def test_logs_with_and_without_the_acceleration_are_joined(
+    with_acceleration: str, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, first = tmp_path / "state.yaml", tmp_path / "first.mcap"
+    rest, whole = tmp_path / "rest.mcap", tmp_path / "whole.mcap"
+    accel = {each: ["--accel"] * (each == with_acceleration) for each in ("first", "last")}
+    main(["convert", str(flight.log), str(tmp_path / "scene.yaml")])
+    begin = [str(tmp_path / "scene.yaml"), "--wrench", str(flight.log)]
+    main(["simulate", *begin, "--mcap", str(first), *accel["first"]])
+    main(["convert", str(first), str(state), "--at", "0.605"])
+    onward = [str(state), "--wrench", str(first), "--wrench-start", "0.605"]
+    main(["simulate", *onward, "--mcap", str(rest), *accel["last"]])
+    capsys.readouterr()
+    assert main(["convert", str(first), str(rest), str(whole)]) == 0
+    assert f"wrote {whole}: 151 samples of one run" in capsys.readouterr().out
+    assert "/accel" in read_bag(whole).topics
+    assert main(["replay", str(whole)]) == 0
+
+
 def test_another_flight_is_no_part_of_the_run(
     flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
