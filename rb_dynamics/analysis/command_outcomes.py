@@ -76,6 +76,7 @@ def outcomes_of(
     acts = steps.force.any(axis=1) | steps.torque.any(axis=1)
     early = steps.time_ns <= (0 if channel.lag else delay_ns)
     alone -= Counter(steps.time_ns[acts & early].tolist()) - honoured
+    alone -= _zeros_before(track, channel)
     drops = known(alone)
     too_large = [at for at in known(honoured - acted) if at != last]
     return CommandOutcomes(
@@ -87,6 +88,18 @@ def outcomes_of(
         undeclared=Counter(
             sorted(each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each)))
         ),
+    )
+
+
+def _zeros_before(track: Track, channel: Channel) -> Counter[int]:
+    """Return when (ns) zero commands act that came before the start of a scene which continues a run."""
+    past = track.scene.past if track.scene is not None else None
+    if past is None:
+        return Counter()
+    return Counter(
+        at + channel.delay_ns - past.length_ns
+        for topic, wrench, at in past.commands
+        if topic == channel.topic and not any((*wrench.force, *wrench.torque))
     )
 
 

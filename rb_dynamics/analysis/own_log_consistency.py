@@ -216,8 +216,10 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         acting = [each for each in past if each[0] <= 0][-1:]
         # A command at the start replaces what is held.
         since = acting[0][0] if acting and not any(at == 0 and held for at, held in taken) else None
-        # A command that waited for the delay of its channel acts at its time.
-        taken += [(0, held) for _, held in acting] + [each for each in past if each[0] > 0]
+        # A command that waited for the delay of its channel acts at its time. If that is the start, the log also has
+        # what it replaces.
+        taken += [(0, held) for _, held in [each for each in past if each[0] < 0][-1:]]
+        taken += [each for each in past if each[0] >= 0]
         sources.append((channel.topic, channel.timeout_ns, taken, since))
     for name, entries in scene.combined_effects.schedules():
         start_ns = 0 if scene.past is None else scene.past.length_ns

@@ -340,6 +340,20 @@ def test_a_command_that_waits_where_a_scene_goes_on(tmp_path: Path) -> None:
     assert set(failed(edited(then, tmp_path / "wrong.mcap", scaled("/push/applied", 1.1)))) >= {APPLIED}
 
 
+def test_commands_whose_delay_ends_where_a_scene_goes_on(tmp_path: Path) -> None:
+    """The log has each of them, and what they replace; inspect knew the last alone, and took a zero for a timeout."""
+    first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, delay: 0.4}]\nduration: 3\n"
+    )
+    pushes = ((1.0, 500_000_000), (2.0, 800_000_000), (0.0, 800_000_000), (3.0, 800_000_000), (0.0, 900_000_000))
+    simulate(scene, [("push", Wrench((x, 0.0, 0.0), stamp_ns=at)) for x, at in pushes], [McapSink(first)])
+    simulate(parse_scene(scene_at(first, 1_200_000_000).text), sinks=[McapSink(then)])
+    assert not failed(then)
+    assert not any("timed out" in warning for warning in inspect(then).summary.warnings)
+    assert set(failed(edited(then, tmp_path / "wrong.mcap", scaled("/push/applied", 1.1)))) >= {APPLIED}
+
+
 def test_a_command_at_the_time_at_which_a_scene_goes_on(tmp_path: Path) -> None:
     """Its timeout begins there; inspect counted it from the command before, and failed the log."""
     first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
