@@ -35,7 +35,7 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import RigidBodyError
 from rb_dynamics.formats.log_metadata import RESULT, RUN, SCENE
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.wrench import HeldWrench
+from rb_dynamics.loads.wrench import HeldWrench, Wrench
 from rb_dynamics.loads.wrench_channels import Channel, WrenchChannels
 from rb_dynamics.logs.messages import APPLIED, MASS_PROPERTIES, log_topics, sample_topics
 from rb_dynamics.numerics.growing_array import give_back
@@ -220,6 +220,8 @@ def _applied(track: Track, scene: Scene) -> Check | None:
         # what it replaces.
         taken += [(0, held) for _, held in [each for each in past if each[0] < 0][-1:]]
         taken += [each for each in past if each[0] >= 0]
+        # A node that is at the start before a command of that time comes logs a timeout there, too.
+        taken += [(0, scene.frames.hold(Wrench())) for at, _ in acting if 0 < channel.timeout_ns == -at]
         sources.append((channel.topic, channel.timeout_ns, taken, since))
     for name, entries in scene.combined_effects.schedules():
         start_ns = 0 if scene.past is None else scene.past.length_ns

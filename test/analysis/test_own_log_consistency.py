@@ -354,6 +354,22 @@ def test_commands_whose_delay_ends_where_a_scene_goes_on(tmp_path: Path) -> None
     assert set(failed(edited(then, tmp_path / "wrong.mcap", scaled("/push/applied", 1.1)))) >= {APPLIED}
 
 
+def test_a_command_that_comes_where_a_scene_goes_on_and_another_expires(tmp_path: Path) -> None:
+    """A node logs that timeout before the command; inspect knew no cause of it, and failed the log."""
+    first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: push, timeout: 0.5}]\nduration: 3\n"
+    )
+    simulate(scene, [("push", Wrench((1.0, 0.0, 0.0)))], [McapSink(first)])
+    run = Simulation(parse_scene(scene_at(first, 500_000_000).text), [McapSink(then)])
+    run.start()
+    run.advance(0)
+    run.post("push", Wrench((2.0, 0.0, 0.0)), 0)
+    run.advance(1_000_000_000)
+    run.finish()
+    assert not failed(then)
+
+
 def test_a_command_at_the_time_at_which_a_scene_goes_on(tmp_path: Path) -> None:
     """Its timeout begins there; inspect counted it from the command before, and failed the log."""
     first, then = tmp_path / "first.mcap", tmp_path / "then.mcap"
