@@ -60,9 +60,9 @@ bench: $(VENV)/installed-bench
 out/demo.rrd: | $(VENV)/installed-demo
 	$(BIN)/rb-dynamics demo
 
-# Four workers for two cores: that of ROS waits most of the time, and others for processes that they start.
+# Three workers for two cores: that of ROS waits most of the time.
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 4 $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 $(PYTEST_ARGS)
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
