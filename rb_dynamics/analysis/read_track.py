@@ -101,8 +101,8 @@ def read_track(
     """Return what `bag` says about one body; `scene` gives mass properties and frames that a bag does not have.
 
     Spikes of a twist are named, and left out unless `spikes` are wanted. The reaction wheels of the scene turn as
-    `wheels` say; its thrusters push as commanded, if `thrusters` are wanted. Of a bag of commands
-    alone, log times follow its stamps, if it has any, else those of `beside`, of another bag recorded at that time.
+    `wheels` say; its thrusters push as commanded, if `thrusters` are wanted. Of a bag of commands alone, log times
+    follow its stamps, if it has any, else those of `beside`, of another bag recorded at that time.
 
     Raises:
         LogError: nothing in the bag is a pose, a twist or a wrench, a topic of `choice` is not there, or a message is

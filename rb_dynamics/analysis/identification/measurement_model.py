@@ -220,9 +220,9 @@ class Model:
         """Return the same, with wheels whose speeds are curved between samples as `draw` says; None without wheels."""
         return self.with_speeds(lambda wheels: wheels.curved(draw))
 
-    def with_noisy_speeds(self, by: float = 1.0) -> list[Model]:
+    def with_noisy_speeds(self) -> list[Model]:
         """Return the same with more noise in the speeds of wheels, see `WheelSpeeds.disturbed`; none without wheels."""
-        others = (self.with_speeds(methodcaller("disturbed", number, by)) for number in range(DRAWN))
+        others = (self.with_speeds(methodcaller("disturbed", number)) for number in range(DRAWN))
         return [other for other in others if other is not None]
 
     def with_drawn_speeds(self) -> list[Model]:

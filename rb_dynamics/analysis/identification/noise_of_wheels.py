@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import methodcaller
 from typing import NamedTuple
 
 import numpy as np
@@ -38,17 +39,18 @@ def noise_of_wheels(model: Model, fit: Fit, local: Array) -> NoiseOfWheels:
     """
     count = local.shape[1]
     none = NoiseOfWheels(np.zeros(count), np.zeros((count, count)))
-    if fit.profile is not None or not (noisy := model.with_noisy_speeds()):
+    opposite = model.with_speeds(methodcaller("disturbed", 0, -1.0))
+    if fit.profile is not None or opposite is None:
         return none
+    first, *others = model.with_noisy_speeds()
 
     def left(other: Model) -> Array:
         predicted = other.predict(fit.z, derivatives=False)
         return np.concatenate([np.ravel(each.left / fit.noise[each.key]) for each in predicted])
 
-    opposite = (noisy[0], *model.with_noisy_speeds(-1.0)[:1])
-    (more, rising), (less, falling) = (stacked(list(each.predict(fit.z)), fit.noise) for each in opposite)
+    (more, rising), (less, falling) = (stacked(list(each.predict(fit.z)), fit.noise) for each in (first, opposite))
     here = left(model)
-    draws = np.array([0.5 * (more - less), *(left(other) - here for other in noisy[1:])])
+    draws = np.array([0.5 * (more - less), *(left(other) - here for other in others)])
     weighted = 0.5 * (rising + falling) @ local
     if not (np.isfinite(draws).all() and np.isfinite(weighted).all()):
         return none
