@@ -17,7 +17,7 @@ from rb_dynamics.analysis.unexplained_wrench import residual
 from rb_dynamics.numerics.rotation_arrays import exponentials, lengths, product, rotate_all, rotate_all_inverse
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_spikes_of_a_gyro_are_no_error_of_its_own(seed: int) -> None:
     """One in a hundred samples made a bias, a factor or a delay."""
     made, random = flipping(seed), np.random.default_rng(seed)

@@ -114,7 +114,7 @@ def recorded(
     return write_bag(folder, sorted(rows, key=lambda row: row[2]))
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
 def test_the_inertia_of_a_body_turned_by_its_wheels_is_found(tmp_path: Path, noise: float) -> None:
     """Nothing but the momentum of the wheels has a scale here; 95 % of the intervals contain the truth."""
     within, count, errors = 0, 0, list[float]()

@@ -362,8 +362,8 @@ def test_under_regular_commands_one_stride_leads_to_the_next(method: str, steps:
     "solver",
     [
         Solver(method="dop853", accuracy=1e-9),
-        Solver(method="dverk", accuracy=1e-7),
-        Solver(method="rk4", accuracy=1e-6),
+        pytest.param(Solver(method="dverk", accuracy=1e-7), marks=pytest.mark.slow),
+        pytest.param(Solver(method="rk4", accuracy=1e-6), marks=pytest.mark.slow),
         Solver(method="rk4", step=1 / 256),
         Solver(method="auto", accuracy=1e-7),
     ],

@@ -887,7 +887,7 @@ duration: 0.5
 
 
 @pytest.mark.parametrize("outputs", ["output_rate: 100", "output_rate: 0"])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= 4)) for seed in range(12)])
 def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, outputs: str, tmp_path: Path) -> None:
     """Commands, pulses, moves, samples and steps as they come in a node; on a grid of 1 ms they often meet."""
     dice, log = random.Random(seed), tmp_path / "run.mcap"

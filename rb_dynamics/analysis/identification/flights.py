@@ -443,18 +443,22 @@ def _blank(stream: Stream) -> Array:
 def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what the bag `path` measured; `commands` are bags with the wrenches, where they are not in it.
 
-    `topics` of a bag of another program describe the body; its wrenches are in `commands`, where these are given.
+    `topics` describe the body; of a log of this package, where they are not the true motion of its run. Wrenches are in
+    `commands`, where these are given.
 
     Raises:
         LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`, or
             its stamps stand still for a while.
     """
-    return flight_of(read_bag(path, repeated=False), scene, commands, topics)
+    # An Odometry says again what pose and twist say, unless it is chosen.
+    chosen = topics is not None and bool(topics.pose or topics.twist)
+    return flight_of(read_bag(path, repeated=chosen), scene, commands, topics)
 
 
 def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what `bag` measured; see `read_flight`."""
-    path, choice = str(bag.path), topics or TopicChoice()
+    path = str(bag.path)
+    bag, choice = _as_measured(bag, topics or TopicChoice())
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     turning = wheel_speeds(bag, scene.wheels, choice.pose or choice.twist or "") if scene.wheels else None
@@ -471,7 +475,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     # What concerns `inspect` alone is left out: a fit models the effects, and says itself what it takes actuators for.
     ours = ("inspected", "not checked", "nothing is judged", OF_SCENE)
     notes = [note for note in track.notes if not any(word in note for word in ours)]
-    notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene), *(_of_choice(choice, track) if own else [])]
+    notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
+    if own and choice.frames:
+        notes.append(f"its motion is that of the run, and not that of {':'.join(choice.frames)}, which were chosen")
     wheels = track.wheels.since(zero) if track.wheels else None
     notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
@@ -504,13 +510,14 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     return found if own else found.between_commands()
 
 
-def _of_choice(choice: TopicChoice, track: Track) -> list[str]:
-    """Return a remark where another motion was chosen than that of the run, which a log of this package has."""
-    used = [each.topic for each in track.motion]
-    passed = [each for each in (choice.pose, choice.twist) if each and f"/{each.lstrip('/')}" not in used]
-    passed += [":".join(choice.frames)] if choice.frames else []
-    told = f"this is a log of this package: its motion, {' and '.join(used)}, is fitted"
-    return [f"{told}, and not {' or '.join(passed)}, which was chosen"] if passed else []
+def _as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
+    """Return a log of this package as a bag of the sensors that `choice` names, without the true motion of its run."""
+    named = bag.metadata.get(TOPICS, {})
+    motion = {f"/{named.get(name, name).lstrip('/')}" for name in ("pose", "twist")}
+    chosen = {f"/{each.lstrip('/')}" for each in (choice.pose, choice.twist) if each}
+    if RUN not in bag.metadata or not chosen - motion:
+        return bag, choice
+    return replace(bag, metadata={}), replace(choice, alone=True)
 
 
 def _of_actuators(bag: Bag, scene: Scene) -> list[str]:

@@ -40,6 +40,7 @@ from rb_dynamics.analysis.identification.flights import (
     Stream,
     WrenchSeries,
     flight_of,
+    read_flight,
 )
 from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import EXPLAINS, summarize
@@ -105,12 +106,54 @@ def test_topics_of_a_bag_can_be_chosen(tmp_path: Path) -> None:
     assert [each.topic for each in flight_of(bag, guess(body), [str(commands)], wanted).channels] == ["/b"]
 
 
-def test_a_log_of_this_package_says_that_its_own_motion_is_fitted(tmp_path: Path) -> None:
-    scene = parse_scene("body: {mass: 2, inertia: {diagonal: [0.02, 0.03, 0.04]}}\nduration: 1")
-    simulate(scene, sinks=[McapSink(tmp_path / "a.mcap")])
-    for choice, told in ((TopicChoice(pose="pose"), False), (TopicChoice(pose="/pose", twist="imu"), True)):
-        notes = flight_of(read_bag(str(tmp_path / "a.mcap")), scene, topics=choice).notes
-        assert any("and not imu, which was chosen" in note for note in notes) == told
+SENSED = """
+body:
+  mass: 2
+  inertia: {diagonal: [0.02, 0.03, 0.04]}
+  frames: {box: {position: [0.1, 0, 0], orientation: {x: 0.6, y: 0, z: 0, w: 0.8}}}
+initial: {angular_velocity_body: [0.3, -0.2, 0.4]}
+wrenches: [{topic: push}]
+sensors:
+  - {type: imu, name: imu, frame: box, rate: 100, gyro: {noise_density: 1.0e-5}, accelerometer: {noise_density: 1.0e-4}}
+  - {type: pose, name: cam, rate: 50, position_noise: 1.0e-3, orientation_noise: 1.0e-3}
+duration: 2
+output_rate: 10
+"""
+
+
+@pytest.mark.parametrize(
+    ("choice", "taken"),
+    [
+        (None, {"/pose", "/twist"}),
+        (TopicChoice(pose="pose", twist="/twist"), {"/pose", "/twist"}),
+        (TopicChoice(twist="imu"), {"/imu"}),
+        (TopicChoice(pose="/cam"), {"/cam"}),
+        (TopicChoice(pose="/cam", twist="/imu"), {"/cam", "/imu"}),
+        (TopicChoice(pose="/odom"), {"/odom"}),
+    ],
+)
+def test_of_a_log_of_this_package_the_sensors_that_are_chosen_count_without_its_true_motion(
+    tmp_path: Path, choice: TopicChoice | None, taken: set[str]
+) -> None:
+    """The true motion was fitted whatever was chosen."""
+    scene = parse_scene(SENSED)
+    commands = [
+        ("push", Wrench((0.1 * (-1) ** i, 0.0, 0.2), (0.01, 0.02 * (-1) ** i, 0.01), "body", i * 10**8))
+        for i in range(20)
+    ]
+    simulate(scene, commands, [McapSink(tmp_path / "a.mcap")])
+
+    flight = read_flight(str(tmp_path / "a.mcap"), scene, topics=choice)
+    assert {each.topic for each in flight.streams} == taken
+    (channel,) = flight.channels
+    assert len(channel.time_ns) == 20
+
+    found = identify(scene, [flight], ["inertia"])
+    for number in found.parameters:
+        if number.name.startswith("inertia."):
+            i, j = ("xyz".index(axis) for axis in number.name[-2:])
+            assert number.standard_error is not None
+            assert abs(number.value - scene.body.inertia[i][j]) < 4.0 * number.standard_error
 
 
 def test_gyro_alone_tells_ratios_and_its_bias() -> None:

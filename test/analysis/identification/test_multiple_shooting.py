@@ -33,7 +33,7 @@ def near_the_middle_axis(seed: int) -> tuple[RigidBody, Flight]:
     return body, flown(body, random, seconds=seconds, rate=20.0, spin=spin, unrecorded=still)
 
 
-@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("moves", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_they_give_numbers_and_errors_of_a_flight_from_a_single_start(moves: bool) -> None:
     random = np.random.default_rng(3)
     body = random_body(random, center=0.05 * moves)

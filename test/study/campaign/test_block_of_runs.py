@@ -402,6 +402,8 @@ BAD = {
     "shape of a metric": {"quantity": f"if {LATE}: return 0.0"},
     "overwrite": {"quantity": f"if {LATE}: samples.angular_velocity_body[:] = 0.0"},
 }
+# Tried one run after another in `make test` too, and not only in `make test-slow`.
+OFTEN = ("NaN", "raise", "quantity")
 
 
 @pytest.fixture(scope="module")
@@ -417,8 +419,16 @@ def good_runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], 
     return runs
 
 
-@pytest.mark.parametrize("bad", BAD)
-@pytest.mark.parametrize("scene", [SCENE, SCENE + EFFECT], ids=["many", "alone"])
+@pytest.mark.parametrize(
+    ("bad", "scene"),
+    [
+        *(pytest.param(bad, SCENE, id=f"many-{bad}") for bad in BAD),
+        *(
+            pytest.param(bad, SCENE + EFFECT, id=f"alone-{bad}", marks=[pytest.mark.slow] * (bad not in OFTEN))
+            for bad in BAD
+        ),
+    ],
+)
 def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(
     tmp_path: Path, good_runs: Callable[[str, str], dict[str, Any]], scene: str, bad: str
 ) -> None:
