@@ -380,7 +380,8 @@ class _TrackReader:
         else:
             values[:, places] = rotate_all(mounting, found.values)
         # The frame is that of the sensor, not the one in which its attitude is.
-        return replace(found, values=values, frame="" if use == "pose" else found.frame, turned_to=body)
+        found = replace(found, values=values, frame="" if use == "pose" else found.frame)
+        return replace(found, turned_to=body, turned_by=mounting) if body else found
 
     def _mounting(self, topic: str, frame: str) -> tuple[Array, str]:
         """Return the rotation from the axes of an IMU to those of the body, as scene or /tf_static says, and its frame.

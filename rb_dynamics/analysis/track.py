@@ -69,6 +69,7 @@ class TimeSeries:
         far_ns: stamps that are left out because they are far from all the others.
         spikes: of which the values are those between the samples about them.
         turned_to: the frame of the body to whose axes the values of a sensor are turned; "" if they are in `frame`.
+        turned_by: xyzw, if so.
     """
 
     topic: str
@@ -81,6 +82,7 @@ class TimeSeries:
     far_ns: tuple[int, ...] = ()
     spikes: tuple[Spikes, ...] = ()
     turned_to: str = ""
+    turned_by: Array | None = None
 
     @property
     def partial(self) -> bool:

@@ -31,7 +31,7 @@ from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
 from rb_dynamics.numerics.rotation import IDENTITY
-from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotations_between
+from rb_dynamics.numerics.rotation_arrays import exponentials, product, rotate_all_inverse, rotations_between
 from rb_dynamics.scene.model import Scene
 
 ATTITUDE, POSITION, VELOCITY, RATES, ACCELERATION = "attitude", "position", "velocity", "rates", "acceleration"
@@ -732,9 +732,12 @@ def _of_twist(track: Track, scene: Scene, zero: int, notes: list[str]) -> list[S
         force = track.specific_force
         found += _unless_blank(track, force, ACCELERATION, force.values, zero, notes)
     fixed = (scene.frames.fixed or {}).get(series.frame)
-    if fixed is None:
-        return [replace(stream, gyro=True) for stream in found]
-    return [replace(stream, gyro=True, place=np.array(fixed.position)) for stream in found]
+    place = np.zeros(3) if fixed is None else np.array(fixed.position)
+    if series.turned_by is None:
+        return [replace(stream, gyro=True, place=place) for stream in found]
+    # Its errors are those of its own axes: a factor of each is no factor along others.
+    mount = rotate_all_inverse(series.turned_by, np.eye(3)).T
+    return [replace(s, values=s.values @ mount.T, mount=mount, gyro=True, place=place) for s in found]
 
 
 def _unless_blank(

@@ -119,6 +119,9 @@ sensors:
 duration: 2
 output_rate: 10
 """
+PUSHED = [
+    ("push", Wrench((0.1 * (-1) ** i, 0.0, 0.2), (0.01, 0.02 * (-1) ** i, 0.01), "body", i * 10**8)) for i in range(20)
+]
 
 
 @pytest.mark.parametrize(
@@ -137,11 +140,7 @@ def test_of_a_log_of_this_package_the_sensors_that_are_chosen_count_without_its_
 ) -> None:
     """The true motion was fitted whatever was chosen."""
     scene = parse_scene(SENSED)
-    commands = [
-        ("push", Wrench((0.1 * (-1) ** i, 0.0, 0.2), (0.01, 0.02 * (-1) ** i, 0.01), "body", i * 10**8))
-        for i in range(20)
-    ]
-    simulate(scene, commands, [McapSink(tmp_path / "a.mcap")])
+    simulate(scene, PUSHED, [McapSink(tmp_path / "a.mcap")])
 
     flight = read_flight(str(tmp_path / "a.mcap"), scene, topics=choice)
     assert {each.topic for each in flight.streams} == taken
@@ -154,6 +153,25 @@ def test_of_a_log_of_this_package_the_sensors_that_are_chosen_count_without_its_
             i, j = ("xyz".index(axis) for axis in number.name[-2:])
             assert number.standard_error is not None
             assert abs(number.value - scene.body.inertia[i][j]) < 4.0 * number.standard_error
+
+
+def test_errors_of_a_gyro_are_along_its_own_axes(tmp_path: Path) -> None:
+    """Along those of the body, factors of a gyro that is mounted askew are a full matrix, and no scale fitted them."""
+    scale, bias = (0.02, -0.02, 0.01), (0.02, -0.01, 0.03)
+    askew = SENSED.replace("x: 0.6, y: 0, z: 0, w: 0.8", "x: 0.1, y: 0.7, z: -0.5, w: 0.5")
+    text = askew.replace("noise_density: 1.0e-5", f"noise_density: 1.0e-5, bias: {list(bias)}, scale: {list(scale)}")
+    simulate(parse_scene(text), PUSHED, [McapSink(tmp_path / "a.mcap")])
+    scene = parse_scene(askew)
+    flight = read_flight(str(tmp_path / "a.mcap"), scene, topics=TopicChoice(pose="/cam", twist="/imu"))
+
+    found = identify(scene, [flight], ["inertia", "gyro_bias", "gyro_scale"])
+
+    known = {number.name: number for number in found.parameters}
+    for name, true in (("gyro_bias", bias), ("gyro_scale", tuple(1.0 + part for part in scale))):
+        for axis, value in zip("xyz", true, strict=True):
+            number = known[f"{name}./imu.{axis}"]
+            assert number.standard_error is not None
+            assert abs(number.value - value) < 4.0 * number.standard_error < 0.02
 
 
 def test_gyro_alone_tells_ratios_and_its_bias() -> None:
