@@ -432,8 +432,8 @@ class Simulation:
 
     def take(self, command: CheckedWrench, time_ns: int) -> None:
         """Let a command from `check` take effect as `post` does; a rejected one is reported to the sinks."""
-        if self.continues and time_ns < 0:
-            return  # in the past
+        if self.scene.past is not None and time_ns < 0:
+            return  # in the past, which has its commands at their own times, whether it is continued or begun anew
         time_ns = max(self._computed_ns, whole_number(time_ns, "time_ns", _REMEDY))
         # A command for after the end is kept, too: see `hasten`.
         self._channels.take(command, time_ns)
