@@ -503,7 +503,8 @@ class RecordedWrenches:
 
         Between two commands, the first of them is held; after the last, a run is taken for another's. So is a bag
         without commands, unless it is a whole log of a run without any, or another bag has some. A scene that
-        `continues` a run has the commands before time 0 itself, and the run may have had none since.
+        `continues` a run has the commands before time 0 itself, and the run may have had none since; in its log, those
+        since may all have been rejected or have come at its end.
 
         Raises:
             LogError: gives the times of its commands, and why.
@@ -514,7 +515,7 @@ class RecordedWrenches:
                 raise LogError(
                     f"{found}, expected at least one; give a bag with some, or leave out --wrench to let the body coast"
                 )
-            if continues and (bag.early or bag.expired):
+            if continues and (bag.early or bag.expired or bag.ours):
                 continue
             if bag.count and not bag.acting and not (0 < bag.early.total() < bag.count and not bag.refused):
                 raise LogError(self._no_effect(bag))

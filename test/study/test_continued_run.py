@@ -101,6 +101,23 @@ def test_as_a_user_does_it_and_again_from_the_log_of_that(
     assert (compared.commands, compared.body) == ([], [])
 
 
+@pytest.mark.parametrize(("at_ns", "frame"), [(2_000_000_000, ""), (1_000_000_000, "nowhere")])
+def test_as_a_user_does_it_where_no_later_command_acts(
+    at_ns: int, frame: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The only one came at the end of the run, or was rejected."""
+    log, state = tmp_path / "run.mcap", tmp_path / "state.yaml"
+    scene = rb.parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [0.3, 0.4, 0.6]}}\ninitial: {angular_velocity_body: [0.1, 0.2, -0.3]}\n"
+        "wrenches: [{topic: push}]\nduration: 2.0\noutput_rate: 10\n"
+    )
+    whole = rb.simulate(scene, [("push", rb.Wrench((1, 0, 0), frame_id=frame, stamp_ns=at_ns))], [McapSink(log)])
+    assert main(["convert", str(log), str(state), "--at", "0.5"]) == 0
+    capsys.readouterr()
+    assert main(["simulate", str(state), "--wrench", str(log), "--wrench-start", "0.5", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["orientation_xyzw"] == list(whole.sample.orientation_xyzw)
+
+
 @pytest.mark.parametrize("timeout", [0.0, 0.2])
 def test_as_a_user_does_it_after_the_last_command(
     timeout: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
