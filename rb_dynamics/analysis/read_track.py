@@ -670,15 +670,24 @@ class _TrackReader:
                 within_ns=_LATE_NS,
             )  # fmt: skip
 
-    def _of_body_here(self, topics: Sequence[str]) -> list[str]:
-        """Return those of wrench `topics` that act on the body whose motion is used."""
+    def _motions(self) -> tuple[str, list[str]]:
+        """Return the topic of the motion whose namespace counts, and all that may be of a motion."""
         moving = [
             topic.name
             for topic in self.bag.topics.values()
             if topic.type_name in {*POSES, *TWISTS, *IMUS} and topic.count and not _commanded(topic.name)
         ]
-        used = [name for name in moving if name in self.uses]
-        motion = self.choice.near or next(iter(used), "")
+        return self.choice.near or next((name for name in moving if name in self.uses), ""), moving
+
+    def _of_another_body(self, topic: str) -> bool:
+        """Return whether a topic is in the namespace of another motion, and shares none with that which is used."""
+        motion, moving = self._motions()
+        others = [name for name in moving if name not in self.uses and "/" in name[1:]]
+        return bool(foreign_to(motion, [topic])) and not all(foreign_to(name, [topic]) for name in others)
+
+    def _of_body_here(self, topics: Sequence[str]) -> list[str]:
+        """Return those of wrench `topics` that act on the body whose motion is used."""
+        motion, moving = self._motions()
         names = [channel.topic for channel in self.scene.channels] if self.scene else []
         # An IMU or a twist of another name may be that of the same body, in the namespace of what measures it.
         bodies = [
@@ -741,6 +750,7 @@ class _TrackReader:
             each.name
             for each in self.bag.topics.values()
             if each.type_name == JOINTS and each.count and each.name != self.wheels
+            if not self._of_another_body(each.name)
         ]
         others = [
             *[self.doubt] * bool(self.doubt),
