@@ -20,7 +20,7 @@ from rb_dynamics.body.state import State
 from rb_dynamics.errors import LogError, SceneError, WrenchError
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, loss
-from rb_dynamics.formats.mcap_records import Message
+from rb_dynamics.formats.mcap_records import Fact, Message
 from rb_dynamics.formats.output_file import require_other
 from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.problems import Problems
@@ -155,9 +155,10 @@ class _Part:
 
 def _scene_said_first(path: Path) -> Scene | None:
     """Return the scene of a log of this package, which has it before its messages; None for any other bag."""
-    source = open_source(path)
-    next(iter(source.blocks()), None)
-    return logged_scene(source.attachments) if RUN in source.metadata else None
+    # Those of a folder are complete at the end of a file only.
+    said: dict[str, Fact] = {}
+    next(iter(open_source(path, said.__setitem__).blocks()), None)
+    return logged_scene({name: fact for name, fact in said.items() if isinstance(fact, bytes)}) if RUN in said else None
 
 
 def whole_run(logs: Sequence[Path], target: Path) -> int | None:

@@ -137,15 +137,16 @@ def test_as_a_user_does_it_after_the_last_command(
     assert main(["replay", str(rest)]) == 0
 
 
+@pytest.mark.parametrize("written", [["--mcap"], ["--max-bag-duration", "0.3", "--bag"]])
 def test_the_logs_of_both_become_that_of_the_whole_run(
-    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    written: list[str], flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    state, again = tmp_path / "state.yaml", tmp_path / "again.yaml"
-    rest, end, whole = tmp_path / "rest.mcap", tmp_path / "end.mcap", tmp_path / "whole.mcap"
+    state, again, whole = tmp_path / "state.yaml", tmp_path / "again.yaml", tmp_path / "whole.mcap"
+    rest, end = (tmp_path / f"{name}{'.mcap' * (len(written) == 1)}" for name in ("rest", "end"))
     main(["convert", str(flight.log), str(state), "--at", "0.605"])
-    main(["simulate", str(state), "--wrench", str(flight.log), "--wrench-start", "0.605", "--mcap", str(rest)])
+    main(["simulate", str(state), "--wrench", str(flight.log), "--wrench-start", "0.605", *written, str(rest)])
     main(["convert", str(rest), str(again), "--at", "0.92"])
-    main(["simulate", str(again), "--wrench", str(rest), "--wrench-start", "0.92", "--mcap", str(end)])
+    main(["simulate", str(again), "--wrench", str(rest), "--wrench-start", "0.92", *written, str(end)])
     assert main(["convert", str(end), str(flight.log), str(rest), str(whole)]) == 0
     assert f"wrote {whole}: 151 samples of one run" in capsys.readouterr().out
     assert main(["replay", str(whole)]) == 0
