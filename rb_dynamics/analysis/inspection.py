@@ -14,12 +14,12 @@ from rb_dynamics.analysis.bag_selection import Window, part_of
 from rb_dynamics.analysis.checks import BOUND
 from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.onboard_devices import ActuatorUse, SensorErrors, WheelSpeeds, pointing_error
-from rb_dynamics.analysis.read_track import TopicChoice, read_track
+from rb_dynamics.analysis.read_track import TopicChoice, as_measured, read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.analysis.unexplained_wrench import Residual
 from rb_dynamics.logs.bag_reader import read_bag
-from rb_dynamics.logs.own_log import opened_scene
+from rb_dynamics.logs.own_log import logged_scene, opened_scene
 from rb_dynamics.numerics.argument_checks import number, quaternion, shown
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.sensors.attitude_sensors import AttitudeErrorSensor
@@ -78,7 +78,10 @@ def inspect(
         raise TypeError(f"log is {shown(log)}, expected the path of a log; write its name")
     known = None if scene is None else opened_scene(scene)
     aim = None if target is None else quaternion(target, "target")
-    track = read_track(read_bag(log, repeated=False), known, topics)
+    topics = topics or TopicChoice()
+    bag, topics = as_measured(read_bag(log, repeated=topics.moving), topics)
+    known = known or (logged_scene(bag.attachments) if topics.alone else None)
+    track = read_track(bag, known, topics)
     if window_s != (None, None):
         track = read_track(part_of(track, window_s), known, topics)
     if aim is None and track.scene is not None:

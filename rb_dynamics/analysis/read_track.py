@@ -38,7 +38,7 @@ from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.actuator import COMMAND
@@ -86,6 +86,25 @@ class TopicChoice:
     frames: tuple[str, str] | None = None
     alone: bool = False
     near: str = ""
+
+    @property
+    def moving(self) -> bool:
+        """Whether it says what the motion is, which an Odometry may repeat."""
+        return bool(self.pose or self.twist)
+
+
+SENSED = "rb_dynamics.sensed"
+"""The record that `as_measured` leaves of all."""
+
+
+def as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
+    """Return a log of this package as a bag of the sensors that `choice` names, without the true motion of its run."""
+    named = bag.metadata.get(TOPICS, {})
+    motion = {f"/{named.get(name, name).lstrip('/')}" for name in ("pose", "twist")}
+    chosen = {f"/{each.lstrip('/')}" for each in (choice.pose, choice.twist) if each}
+    if RUN not in bag.metadata or not chosen - motion:
+        return bag, choice
+    return replace(bag, metadata={SENSED: {}}), replace(choice, alone=True)
 
 
 def read_track(
@@ -211,11 +230,9 @@ class _TrackReader:
         if pose is None and twist is None and not wrenches:
             raise self._nothing()
         body, body_from = self._body()
-        logged: list[TimeSeries | None] = [None, None, None]
-        if not self.choice.alone:
-            logged = [self._vector("angular_momentum"), self._vector("linear_momentum"), self._scalar("energy/kinetic")]
-        angular, linear, kinetic = logged
-        momenta_from = "the log" if any(logged) else ""
+        angular, linear = self._vector("angular_momentum"), self._vector("linear_momentum")
+        kinetic = self._scalar("energy/kinetic")
+        momenta_from = "the log" if angular or linear or kinetic else ""
         if not momenta_from and pose and twist and body:
             angular, linear, kinetic = self._computed(pose, twist, twist_in_world, body)
             momenta_from = f"pose, twist and the mass properties of {body_from}" if angular else ""
@@ -578,7 +595,9 @@ class _TrackReader:
         return None if topic is None else self._cleaned("energy", topic, *self.bag.scalars(topic))
 
     def _named(self, name: str, type_name: str) -> str | None:
-        """Return the topic of this name, at whatever depth, next to the pose."""
+        """Return the topic of this name, at whatever depth, next to the pose; None if the motion alone counts."""
+        if self.choice.alone:
+            return None
         topics = [t.name for t in self.bag.topics.values() if t.type_name == type_name and t.count]
         fitting = [topic for topic in topics if f"/{topic}".endswith(f"/{name}")]
         return min(fitting, key=lambda topic: (self._distance(topic), topic), default=None)

@@ -24,7 +24,7 @@ from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
 from rb_dynamics.analysis.onboard_devices import Onboard, onboard
 from rb_dynamics.analysis.own_log_consistency import self_consistency
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements
-from rb_dynamics.analysis.read_track import mean_rate
+from rb_dynamics.analysis.read_track import SENSED, mean_rate
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track, sizes_of
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
@@ -100,6 +100,7 @@ class RunSummary:
     Attributes:
         path: the file, as text.
         own: whether this package wrote it.
+        sensed: whether it is what sensors of a log of this package measured, without the true motion of its run.
         complete: whether nothing is known to be missing.
         lacks: what is missing: when it was cut off, or which pieces; "" if nothing.
         scene: file name of the scene, "" if unknown.
@@ -131,6 +132,7 @@ class RunSummary:
 
     path: str
     own: bool
+    sensed: bool
     complete: bool
     lacks: str
     scene: str
@@ -214,6 +216,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     return RunSummary(
         path=str(bag.path),
         own=track.own,
+        sensed=SENSED in bag.metadata,
         complete=bag.complete,
         lacks="; ".join(filter(None, (cut(track), missing(track)))),
         scene=facts.get("scene_file", ""),

@@ -14,6 +14,7 @@ from recorded_runs import Flight
 
 import rb_dynamics as rb
 from rb_dynamics.analysis import impulse, own_log_consistency, track, twist_calibration
+from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr, mcap_records
 from rb_dynamics.formats.bag_source import open_source
@@ -35,6 +36,36 @@ def test_of_our_own_log(flight: Flight) -> None:
     assert found.passed
     assert found.track.twist is not None
     assert np.allclose(found.track.twist.values[-1, 3:], flight.result.sample.angular_velocity_body)
+
+
+SENSED = """
+body:
+  mass: 3
+  inertia: {diagonal: [0.05, 0.07, 0.09]}
+  frames: {box: {position: [0.1, 0, 0], orientation: {x: 0.6, y: 0, z: 0, w: 0.8}}}
+initial: {angular_velocity_body: [0.8, 0.5, 0.3]}
+wrenches: []
+sensors:
+  - {type: imu, name: imu, frame: box, rate: 100, gyro: {noise_density: 1.0e-5}}
+  - {type: pose, name: cam, rate: 100, position_noise: 1.0e-4, orientation_noise: 1.0e-4}
+duration: 10
+"""
+
+
+def test_sensors_of_our_own_log_are_judged_without_its_true_motion(tmp_path: Path) -> None:
+    """The exact momenta of the run were held against poses with noise: the log was said not to fit its scene."""
+    rb.simulate(rb.parse_scene(SENSED), sinks=[McapSink(tmp_path / "a.mcap")])
+    choice = TopicChoice(pose="/cam", twist="imu")
+    wrong = rb.parse_scene(SENSED.replace("[0.05, 0.07, 0.09]", "[0.05, 0.07, 0.095]"))
+
+    found = rb.inspect(tmp_path / "a.mcap", topics=choice)
+    assert found.passed
+    assert [each.topic for each in found.track.motion] == ["/cam", "/imu"]
+    assert found.summary.sensed
+    assert found.summary.residual is not None
+    assert found.summary.residual.explained
+    other = rb.inspect(tmp_path / "a.mcap", wrong, topics=choice)
+    assert [each.name for each in other.summary.checks if not each.passed] == ["inertia explains the motion"]
 
 
 def test_a_foreign_bag_with_the_scene_as_a_value_or_a_file(example_dir: Path, scene_dir: Path) -> None:

@@ -17,7 +17,7 @@ from rb_dynamics.analysis.continuity import continuity, contradictions, jumps_to
 from rb_dynamics.analysis.gaps import LONG_INTERVALS, LONG_S, NAMED, holes, listed, longest_usual
 from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
-from rb_dynamics.analysis.read_track import OF_SCENE, STRAYS, TopicChoice, read_track
+from rb_dynamics.analysis.read_track import OF_SCENE, STRAYS, TopicChoice, as_measured, read_track
 from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
@@ -450,15 +450,13 @@ def read_flight(path: str, scene: Scene, commands: Sequence[str] = (), topics: T
         LogError: a bag cannot be read, has no motion, or a wrench whose effect is not known, or not the `topics`, or
             its stamps stand still for a while.
     """
-    # An Odometry says again what pose and twist say, unless it is chosen.
-    chosen = topics is not None and bool(topics.pose or topics.twist)
-    return flight_of(read_bag(path, repeated=chosen), scene, commands, topics)
+    return flight_of(read_bag(path, repeated=topics is not None and topics.moving), scene, commands, topics)
 
 
 def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: TopicChoice | None = None) -> Flight:
     """Return what `bag` measured; see `read_flight`."""
     path = str(bag.path)
-    bag, choice = _as_measured(bag, topics or TopicChoice())
+    bag, choice = as_measured(bag, topics or TopicChoice())
     own = RUN in bag.metadata
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     turning = wheel_speeds(bag, scene.wheels, choice.pose or choice.twist or "") if scene.wheels else None
@@ -508,16 +506,6 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     if wheels:
         found = replace(found, wheels=wheels.reaching(*found.span_ns, path))
     return found if own else found.between_commands()
-
-
-def _as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
-    """Return a log of this package as a bag of the sensors that `choice` names, without the true motion of its run."""
-    named = bag.metadata.get(TOPICS, {})
-    motion = {f"/{named.get(name, name).lstrip('/')}" for name in ("pose", "twist")}
-    chosen = {f"/{each.lstrip('/')}" for each in (choice.pose, choice.twist) if each}
-    if RUN not in bag.metadata or not chosen - motion:
-        return bag, choice
-    return replace(bag, metadata={}), replace(choice, alone=True)
 
 
 def _of_actuators(bag: Bag, scene: Scene) -> list[str]:
