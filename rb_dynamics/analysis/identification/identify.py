@@ -68,6 +68,8 @@ STARTS = 4
 
 # The end of a key of the inertia of a rotor.
 _AXIAL = ".axial_inertia"
+# Of matrices: axes of one sensor that differ by rounding.
+_SAME_AXES = 1e-9
 # A number is determined if at most this part of its change is in undetermined directions.
 _HIDDEN = 0.05
 # Of what is plausible, the error of a direction that is not determined: a fit may stop anywhere in it.
@@ -1105,6 +1107,25 @@ class _Report:
                 found[f"actuators[{number}].speed"] = min(max(speed, -wheel.max_speed), wheel.max_speed)
         return found
 
+    def _bias_of_imu(self) -> dict[str, object]:
+        """Return the bias of the gyro by its key; of several in recordings or scene it is not told whose it is."""
+        scene, flights = self.model.scene, enumerate(self.model.flights)
+        gyros = [
+            (number, each) for number, flight in flights for each in flight.streams if each.gyro and each.kind == RATES
+        ]
+        if len(gyros) != 1:
+            return {}
+        name, mount = f"gyro_bias[{gyros[0][0]}].{gyros[0][1].topic}", gyros[0][1].mount
+
+        def along(imu: Imu) -> bool:
+            turned = rotations.matrices(np.array(imu.fixed(scene.frames).orientation_xyzw)).T
+            return bool(np.allclose(turned, mount, rtol=0.0, atol=_SAME_AXES))
+
+        imus = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and along(each)]
+        if len(imus) != 1 or name not in self.model.layout or not self._told(name):
+            return {}
+        return {f"sensors[{imus[0]}].gyro.bias": self.model.layout[name].values(self.z).tolist()}
+
     def _scene(self, body: RigidBody) -> Scene:
         """Return the scene with what was found, as text that runs."""
         scene, layout = self.model.scene, self.model.layout
@@ -1135,13 +1156,7 @@ class _Report:
             overrides[name] = -float(found[name][0])
             overrides[axis] = [-float(x) for x in found.get(axis, given.axis_body)]
         state, _ = self.model.start_of(self._kept, 0)
-        along = ("", scene.frames.body_frame)
-        gyros = [k for k, each in enumerate(scene.sensors) if isinstance(each, Imu) and each.frame in along]
-        streams = [(number, each) for number, flight in enumerate(self.model.flights) for each in flight.streams]
-        biases = [f"gyro_bias[{number}].{each.topic}" for number, each in streams if each.gyro]
-        # Of several, it cannot be told whose it is.
-        if len(gyros) == len(biases) == 1 and biases[0] in layout and self._told(biases[0]):
-            overrides[f"sensors[{gyros[0]}].gyro.bias"] = layout[biases[0]].values(self.z).tolist()
+        overrides |= self._bias_of_imu()
         overrides["initial.orientation"] = dict(
             zip("xyzw", (state[:4] / np.linalg.norm(state[:4])).tolist(), strict=True)
         )

@@ -166,6 +166,7 @@ def test_errors_of_a_gyro_are_along_its_own_axes(tmp_path: Path) -> None:
 
     found = identify(scene, [flight], ["inertia", "gyro_bias", "gyro_scale"])
 
+    assert found.scene.sensors[0].gyro.bias == pytest.approx(bias, abs=4e-3)
     known = {number.name: number for number in found.parameters}
     for name, true in (("gyro_bias", bias), ("gyro_scale", tuple(1.0 + part for part in scale))):
         for axis, value in zip("xyz", true, strict=True):
