@@ -38,14 +38,14 @@ from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN, TOPICS
+from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
-from rb_dynamics.logs.bag_reader import IMUS, POSES, TWISTS, WRENCHES, Bag
+from rb_dynamics.logs.bag_reader import ATTITUDES, IMUS, POSES, TWISTS, WRENCHES, Bag
 from rb_dynamics.logs.messages import APPLIED, SET_STATE
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
@@ -94,17 +94,18 @@ class TopicChoice:
 
 
 SENSED = "rb_dynamics.sensed"
-"""The record that `as_measured` leaves of all."""
+"""The record that `as_measured` leaves of all: the frame of each sensor of the scene, by its topic."""
 
 
 def as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
     """Return a log of this package as a bag of the sensors that `choice` names, without the true motion of its run."""
-    named = bag.metadata.get(TOPICS, {})
-    motion = {f"/{named.get(name, name).lstrip('/')}" for name in ("pose", "twist")}
+    motion = {bag.called(name) for name in ("pose", "twist")}
     chosen = {f"/{each.lstrip('/')}" for each in (choice.pose, choice.twist) if each}
     if RUN not in bag.metadata or not chosen - motion:
         return bag, choice
-    return replace(bag, metadata={SENSED: {}}), replace(choice, alone=True)
+    scene = logged_scene(bag.attachments)
+    frames = {bag.called(each.name): each.frame for each in scene.sensors} if scene else {}
+    return replace(bag, metadata={SENSED: frames}), replace(choice, alone=True)
 
 
 def read_track(
@@ -305,12 +306,18 @@ class _TrackReader:
                     self.notes.append(f"{self.frames_to_choose}.")
         if frames is not None:
             return self._of_frames(*frames)
-        topic = self._given(topic, (*POSES, *IMUS), "--pose-topic") if topic else self._best(("imu",), IMUS)
+        # A QuaternionStamped may as well be an attitude that is wanted: it has to be named.
+        kinds = (*POSES, *ATTITUDES, *IMUS)
+        topic = self._given(topic, kinds, "--pose-topic") if topic else self._best(("imu",), IMUS)
         if not topic:
             return None
         if self.bag.topics[topic].type_name in IMUS:
             return self._of_imu("pose", topic, slice(0, 4), slice(3, 7), 7)
-        return self._read("pose", topic, self.bag.poses)
+        return self._read("pose", topic, self.bag.attitudes if self._tells_attitude(topic) else self.bag.poses)
+
+    def _tells_attitude(self, topic: str) -> bool:
+        """Return whether a topic tells the attitude and nothing else."""
+        return self.bag.topics[topic].type_name in ATTITUDES
 
     def _twist(self) -> TimeSeries | None:
         topic = self.choice.twist
@@ -377,9 +384,14 @@ class _TrackReader:
         series = replace(self._cleaned(use, topic, time_ns, values, frame), strays=others)
         if self.bag.topics[topic].type_name in IMUS:
             return series
+        if self._tells_attitude(topic):
+            nowhere = np.full((len(series.time_ns), 3), np.nan)
+            series = replace(series, values=np.hstack([nowhere, series.values]))
         if use == "pose":
             kinds = self.bag.topics[topic].kinds[0]
             frame = self._main_frame(self.bag.topics[topic], True)[0] if any(len(each) > 1 for each in kinds) else ""
+            # Of a sensor of this package the scene says what it tells of.
+            frame = self.bag.metadata.get(SENSED, {}).get(topic, frame)
         return self._of_body(use, series, frame)
 
     def _of_imu(self, use: str, topic: str, part: slice, places: slice, width: int) -> TimeSeries | None:

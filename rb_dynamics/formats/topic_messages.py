@@ -27,7 +27,7 @@ KEPT = {
     for kind in (
         *(types.POSE, types.PLAIN_POSE, types.POSE_WITH_COVARIANCE, types.TRANSFORM),
         *(types.TWIST, types.PLAIN_TWIST, types.TWIST_WITH_COVARIANCE, types.ODOMETRY, types.ACCELERATION, types.IMU),
-        *(types.WRENCH, types.PLAIN_WRENCH, types.VECTOR, types.SCALAR, types.INERTIA),
+        *(types.WRENCH, types.PLAIN_WRENCH, types.VECTOR, types.SCALAR, types.INERTIA, types.QUATERNION),
     )
 }
 _BATCH = 512

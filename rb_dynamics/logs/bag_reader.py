@@ -49,6 +49,7 @@ TWISTS = dict.fromkeys((types.TWIST, types.ODOMETRY, types.TWIST_WITH_COVARIANCE
     types.ODOMETRY: slice(7, 13)
 }
 IMUS = {types.IMU: slice(0, 13)}
+ATTITUDES = {types.QUATERNION: slice(0, 4)}
 _VECTORS = {types.VECTOR: slice(0, 3)}
 _SCALARS = {types.SCALAR: slice(0, 1)}
 WRENCHES = {types.PLAIN_WRENCH: slice(0, 6), types.WRENCH: slice(0, 6)}
@@ -143,6 +144,10 @@ class Bag:
             LogError: no such topic, another type, or a damaged message; so for the functions below.
         """
         return self._series(topic, POSES)
+
+    def attitudes(self, topic: str) -> tuple[Times, Values]:
+        """Return stamps (ns) and quaternions x, y, z, w; of QuaternionStamped, as of a star tracker."""
+        return self._series(topic, ATTITUDES)
 
     def twists(self, topic: str) -> tuple[Times, Values]:
         """Return stamps (ns) and rows of linear (m/s) and angular (rad/s) velocity; of a type in `TWISTS`."""

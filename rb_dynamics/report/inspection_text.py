@@ -230,7 +230,9 @@ def residual_sentence(left: Residual, zero_ns: int) -> str:
     """Return how well the given body explains the motion, and what would explain it; times from `zero_ns`."""
     force, torque = left.root_mean_square
     noisy = "" if left.with_rates else ", of differences of the pose, their noise included"
-    size = f"Residual force {force:.3g} N and torque {torque:.3g} N m (root mean square{noisy})."
+    # Without a position nothing is known of a force.
+    pushing = "" if math.isnan(force) else f"force {force:.3g} N and "
+    size = f"Residual {pushing}torque {torque:.3g} N m (root mean square{noisy})."
     if not left.told and (not left.explained or left.fitted_ns is None or not left.noise):
         verdict = f"CANNOT TELL whether the inertia given explains the motion: {left.untold}."
     elif not left.told:

@@ -152,15 +152,14 @@ def wrench_history(steps: Sequence[tuple[str, Array, Array]], span_s: Array) -> 
 
 
 def residual_wrench(time_s: Array, force_world: Array, torque_world: Array, torque_body: Array) -> Picture:
-    """Return the unexplained force (N, world axes) and torque (N m, in both axes)."""
-    return draw(
-        [
-            Panel("Residual force, world axes [N]", components(time_s, force_world)),
-            Panel("Residual torque about the centre of mass, world axes [N m]", components(time_s, torque_world)),
-            Panel("Residual torque about the centre of mass, body axes [N m]", components(time_s, torque_body)),
-        ],
-        "Residual wrench over time",
-    )
+    """Return the unexplained force (N, world axes; NaN if not known) and torque (N m, in both axes)."""
+    panels = [
+        Panel("Residual torque about the centre of mass, world axes [N m]", components(time_s, torque_world)),
+        Panel("Residual torque about the centre of mass, body axes [N m]", components(time_s, torque_body)),
+    ]
+    if not np.isnan(force_world).all():
+        panels.insert(0, Panel("Residual force, world axes [N]", components(time_s, force_world)))
+    return draw(panels, "Residual wrench over time")
 
 
 def comparison(time_s: Array, differences: Mapping[str, Array]) -> Picture:

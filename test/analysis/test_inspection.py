@@ -19,6 +19,7 @@ from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr, mcap_records
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.numerics import growing_array
+from rb_dynamics.report.inspection_text import as_text
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SPIN = """
@@ -48,22 +49,25 @@ wrenches: []
 sensors:
   - {type: imu, name: imu, frame: box, rate: 100, gyro: {noise_density: 1.0e-5}}
   - {type: pose, name: cam, rate: 100, position_noise: 1.0e-4, orientation_noise: 1.0e-4}
+  - {type: star_tracker, name: tracker, frame: box, rate: 100, noise: 1.0e-4}
 duration: 10
 """
 
 
-def test_sensors_of_our_own_log_are_judged_without_its_true_motion(tmp_path: Path) -> None:
+@pytest.mark.parametrize("pose", ["/cam", "/tracker"])
+def test_sensors_of_our_own_log_are_judged_without_its_true_motion(tmp_path: Path, pose: str) -> None:
     """The exact momenta of the run were held against poses with noise: the log was said not to fit its scene."""
     rb.simulate(rb.parse_scene(SENSED), sinks=[McapSink(tmp_path / "a.mcap")])
-    choice = TopicChoice(pose="/cam", twist="imu")
+    choice = TopicChoice(pose=pose, twist="imu")
     wrong = rb.parse_scene(SENSED.replace("[0.05, 0.07, 0.09]", "[0.05, 0.07, 0.095]"))
 
     found = rb.inspect(tmp_path / "a.mcap", topics=choice)
     assert found.passed
-    assert [each.topic for each in found.track.motion] == ["/cam", "/imu"]
+    assert [each.topic for each in found.track.motion] == [pose, "/imu"]
     assert found.summary.sensed
     assert found.summary.residual is not None
     assert found.summary.residual.explained
+    assert "nan" not in as_text(found.summary)
     other = rb.inspect(tmp_path / "a.mcap", wrong, topics=choice)
     assert [each.name for each in other.summary.checks if not each.passed] == ["inertia explains the motion"]
 

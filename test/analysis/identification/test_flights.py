@@ -115,7 +115,8 @@ initial: {angular_velocity_body: [0.3, -0.2, 0.4]}
 wrenches: [{topic: push}]
 sensors:
   - {type: imu, name: imu, frame: box, rate: 100, gyro: {noise_density: 1.0e-5}, accelerometer: {noise_density: 1.0e-4}}
-  - {type: pose, name: cam, rate: 50, position_noise: 1.0e-3, orientation_noise: 1.0e-3}
+  - {type: pose, name: cam, frame: box, rate: 50, position_noise: 1.0e-3, orientation_noise: 1.0e-3}
+  - {type: star_tracker, name: tracker, frame: box, rate: 20, noise: 1.0e-4}
 duration: 2
 output_rate: 10
 """
@@ -132,6 +133,7 @@ PUSHED = [
         (TopicChoice(twist="imu"), {"/imu"}),
         (TopicChoice(pose="/cam"), {"/cam"}),
         (TopicChoice(pose="/cam", twist="/imu"), {"/cam", "/imu"}),
+        (TopicChoice(pose="tracker", twist="/imu"), {"/tracker", "/imu"}),
         (TopicChoice(pose="/odom"), {"/odom"}),
     ],
 )
