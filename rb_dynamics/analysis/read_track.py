@@ -390,9 +390,14 @@ class _TrackReader:
         if use == "pose":
             kinds = self.bag.topics[topic].kinds[0]
             frame = self._main_frame(self.bag.topics[topic], True)[0] if any(len(each) > 1 for each in kinds) else ""
-            # Of a sensor of this package the scene says what it tells of.
-            frame = self.bag.metadata.get(SENSED, {}).get(topic, frame)
-        return self._of_body(use, series, frame)
+        return self._of_body(use, series, frame or self._frame_of_sensor(topic))
+
+    def _frame_of_sensor(self, topic: str) -> str:
+        """Return the frame whose pose a sensor of the scene measures, which its messages do not say; "" without one."""
+        told, kind = self.bag.metadata.get(SENSED, {}), self.bag.topics[topic].type_name
+        sensors = self.scene.sensors if self.scene and topic not in told else ()
+        named = (each.frame for each in sensors if each.message == kind and f"/{topic}".endswith(f"/{each.name}"))
+        return told.get(topic, "") or next(named, "")
 
     def _of_imu(self, use: str, topic: str, part: slice, places: slice, width: int) -> TimeSeries | None:
         """Return what an IMU measures, in the `places` of rows of `width`, the others NaN; None if it does not."""

@@ -157,6 +157,20 @@ def test_of_a_log_of_this_package_the_sensors_that_are_chosen_count_without_its_
             assert abs(number.value - scene.body.inertia[i][j]) < 4.0 * number.standard_error
 
 
+def test_the_scene_says_where_a_sensor_of_a_bag_of_others_is_mounted(tmp_path: Path) -> None:
+    """As of a node that `ros2 bag record` recorded: its pose was taken for that of the body."""
+    scene = parse_scene(SENSED.replace("_noise: 1.0e-3", "_noise: 0").replace("noise: 1.0e-4", "noise: 0"))
+    simulate(scene, PUSHED, [McapSink(tmp_path / "a.mcap")])
+    bag = replace(read_bag(str(tmp_path / "a.mcap")), metadata={}, attachments={})
+    true = flight_of(bag, scene, topics=TopicChoice(pose="/pose", alone=True))
+    for topic, kinds in (("/cam", {ATTITUDE, POSITION}), ("/tracker", {ATTITUDE})):
+        seen = flight_of(bag, scene, topics=TopicChoice(pose=topic, alone=True))
+        assert {each.kind for each in seen.streams} == kinds
+        for one, other in zip(true.streams, seen.streams, strict=False):
+            rows = np.isin(other.time_ns, one.time_ns)
+            assert np.abs(one.values) == pytest.approx(np.abs(other.values[rows]), abs=1e-12)
+
+
 def test_errors_of_a_gyro_are_along_its_own_axes(tmp_path: Path) -> None:
     """Along those of the body, factors of a gyro that is mounted askew are a full matrix, and no scale fitted them."""
     scale, bias = (0.02, -0.02, 0.01), (0.02, -0.01, 0.03)
