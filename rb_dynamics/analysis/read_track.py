@@ -693,8 +693,14 @@ class _TrackReader:
             mine = [name for name in mine if not self._distance(name)] or mine
             if not isinstance(thruster, Thruster) or not mine or mine[0].removesuffix(COMMAND) + APPLIED in told:
                 continue
-            if len(mine) > 1:
-                self.doubt = self.doubt or f"cannot tell which of {', '.join(mine)} commands {thruster.name}"
+            motion, bodies = self._motion_and_others()
+            mine, doubt = of_one_body(mine, [thruster.topic], motion, bodies)
+            if doubt:
+                which = f"which of {', '.join(mine)} commands" if len(mine) > 1 else f"whether {mine[0]} commands"
+                self.doubt = self.doubt or (
+                    f"cannot tell {which} {thruster.name} of the body of {motion or 'the scene'}: choose the motion "
+                    "beside it with --pose-topic, or leave thrusters that did not push out of the scene"
+                )
                 continue
             log_times, values = self.bag.scalars(mine[0])
             times, rows = pushes(thruster, self.scene, self._line(mine[0]).stamps(log_times), values)
@@ -721,17 +727,21 @@ class _TrackReader:
         others = [name for name in moving if name not in self.uses and "/" in name[1:]]
         return bool(foreign_to(motion, [topic])) and not all(foreign_to(name, [topic]) for name in others)
 
-    def _of_body_here(self, topics: Sequence[str]) -> list[str]:
-        """Return those of wrench `topics` that act on the body whose motion is used."""
+    def _motion_and_others(self) -> tuple[str, list[str]]:
+        """Return the topic of the motion whose namespace counts, and those of the motions of other bodies."""
         motion, moving = self._motions()
-        names = [channel.topic for channel in self.scene.channels] if self.scene else []
         # An IMU or a twist of another name may be that of the same body, in the namespace of what measures it.
-        bodies = [
+        return motion, [
             name
             for name in moving
             if name not in self.uses
             and (self.bag.topics[name].type_name in POSES or name.rpartition("/")[2] == motion.rpartition("/")[2])
         ]
+
+    def _of_body_here(self, topics: Sequence[str]) -> list[str]:
+        """Return those of wrench `topics` that act on the body whose motion is used."""
+        motion, bodies = self._motion_and_others()
+        names = [channel.topic for channel in self.scene.channels] if self.scene else []
         kept, self.doubt = of_one_body(topics, names, motion, bodies)
         foreign = [topic for topic in foreign_to(motion, kept) if topic.lstrip("/") not in names]
         if foreign and not self.doubt:

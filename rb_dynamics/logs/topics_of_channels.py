@@ -81,6 +81,9 @@ def of_one_body(
 
         best = [topic for topic in group if rank(topic) == max(map(rank, group))]
         foreign = [topic for topic in best if any(near(topic, each) > near(topic, motion) for each in others)]
+        if own := [topic for topic in best if topic not in foreign]:
+            # The others are those of a body in a namespace below this one.
+            best, foreign = own, []
         nearer = [topic for topic in group if near(topic, motion) > near(best[0], motion)]
         kept += best
         if len(best) > 1 or foreign or nearer:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fired_thrusters import BEGIN, FITTED, SCENE, commands, contained, recorded, rough
-from foreign_bags import GEOMETRY, Row, header, of, write_bag
+from foreign_bags import GEOMETRY, Row, header, of, pose, write_bag
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.identification.flights import flight_of
@@ -153,3 +153,34 @@ def test_commands_in_a_bag_of_their_own_go_by_the_stamps_where_log_times_are_of_
         assert by_topic[f"/jet_{name}/command"] == by_topic[f"/sat/jet_{name}/command"]
         (told,) = [note for note in found.notes if f"/commands: /jet_{name}/command has no stamps" in note]
         assert told.endswith(f"put 3600 s earlier than it was logged, as {'/wrench' if stamped else '/sat/pose'} is.")
+
+
+def test_thrusters_in_the_namespace_of_another_body_do_not_push_this_one(tmp_path: Path) -> None:
+    """Of bodies in one bag, `b` spins freely about its principal axis. Jets of another were taken for its own."""
+    scene = rb.parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [0.2, 0.3, 0.4]}, frames: {jet: {position: [0.1, 0.2, 0]}}}\n"
+        "wrenches: []\nactuators: [{type: thruster, name: jet, frame: jet, force: 1}]\n"
+    )
+    rng, rows = np.random.default_rng(7), list[Row]()
+    for k in range(400):
+        at, turn = BEGIN + k * 20_000_000, 0.5 * 0.02 * k
+        spin = of("Twist", of("Vector3", 0.0, 0.0, 0.0), of("Vector3", *(1e-3 * rng.standard_normal(3)) + [0, 0, 1]))
+        for name in ("/a", "/b", "/b/c"):
+            place = (*(1e-3 * rng.standard_normal(3)), 0.0, 0.0, np.sin(turn), np.cos(turn))
+            rows.append(
+                (f"{name}/pose", f"{GEOMETRY}PoseStamped", at, of("PoseStamped", header(at, "map"), pose(place)))
+            )
+            kind = f"{GEOMETRY}TwistStamped"
+            rows.append((f"{name}/twist", kind, at, of("TwistStamped", header(at, "body"), spin)))
+    for name, near in (("/a", False), ("/b/c", False), ("/b", True)):
+        at = BEGIN + 10**9
+        rows.append(
+            (f"{name}/jet/command", "std_msgs/msg/Float64", at, of("std_msgs/msg/Float64", 0.0 if near else 1.0))
+        )
+        bag = write_bag(tmp_path / name.replace("/", "_"), sorted(rows, key=lambda row: row[2]))
+        found = rb.inspect(bag, scene, topics=rb.TopicChoice("/b/pose", "/b/twist"))
+        assert found.passed
+        told = [note for note in found.summary.notes if "cannot tell wh" in note]
+        assert bool(told) == (not near)
+        if near:
+            assert any("/b/jet/command: jet is taken to have pushed" in note for note in found.summary.notes)

@@ -53,6 +53,9 @@ def test_what_is_chosen_counts_before_the_name() -> None:
         (["/a_wrench"], ["wrench"], "/b_pose", ["/a_pose"], ["/a_wrench"], False),
         (["/left_wrench", "/right_wrench"], [], "/b_pose", [], ["/left_wrench", "/right_wrench"], True),
         (["/a/w/applied", "/b/w/applied"], [], "/a/pose", [], ["/a/w/applied"], True),
+        (["/a/wrench", "/a/b/wrench"], ["wrench"], "/a/pose", ["/a/b/pose"], ["/a/wrench"], True),
+        (["/a/wrench", "/a/b/wrench"], ["wrench"], "/a/b/pose", ["/a/pose"], ["/a/b/wrench"], True),
+        (["/a/wrench", "/a/b/wrench"], ["wrench"], "/a/pose", [], ["/a/wrench", "/a/b/wrench"], False),
     ],
 )
 def test_of_several_bodies_the_commands_beside_the_motion_are_its_own(
