@@ -75,7 +75,7 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
         if not sizes:
             level = float(np.sqrt(size * ratio.noise))
             beyond = size > 1 and _short_beyond(values, stretch, size, steps, ratio)
-        beyond = beyond or ratio.beyond()
+        beyond = beyond or (ratio.beyond() and ratio.beyond(*_colour(values, stretch, size)))
         sizes.append(size)
         size *= 2
 
@@ -132,6 +132,28 @@ def _short_beyond(values: Array, stretch: Labels, size: int, steps: Array | None
         return False
     colour = size * ratio.noise / long.noise if long.noise else 1.0
     return found.beyond(max(colour, 1.0), ratio.variance)
+
+
+def _colour(values: Array, stretch: Labels, size: int) -> tuple[float, float]:
+    """Return by what factor means of `size` rows are noisier than their neighbours show, and the variance of its root.
+
+    Noise that is correlated over more rows shows in means of longer blocks: these are less quiet than those of white
+    noise. Medians, as a step that stays is no noise.
+    """
+    here, colour, variance = _median_of_thirds(means(values, stretch, size)), 1.0, 0.0
+    for factor in (2, 4, 8):
+        mean, of = means(values, stretch, factor * size)
+        longer = _median_of_thirds((mean, of))
+        if len(mean) < _LEAST_MEANS or not here:
+            break
+        if factor * (longer / here) ** 2 > colour:
+            colour, variance = factor * (longer / here) ** 2, _SPREAD / len(mean)
+    return colour, variance
+
+
+def _median_of_thirds(found: tuple[Array, Labels]) -> float:
+    third = np.linalg.norm(_thirds(*found), axis=1)
+    return float(np.median(third)) if len(third) else 0.0
 
 
 def _in_long(mean: Array, of: Labels) -> tuple[Array, Labels, NDArray[np.intp]]:

@@ -94,7 +94,7 @@ class TopicChoice:
 
 
 SENSED = "rb_dynamics.sensed"
-"""The record that `as_measured` leaves of all: the frame of each sensor of the scene, by its topic."""
+"""The record that `as_measured` makes of that of the run: the frame of each sensor of the scene, by its topic."""
 
 
 def as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
@@ -105,7 +105,9 @@ def as_measured(bag: Bag, choice: TopicChoice) -> tuple[Bag, TopicChoice]:
         return bag, choice
     scene = logged_scene(bag.attachments)
     frames = {bag.called(each.name): each.frame for each in scene.sensors} if scene else {}
-    return replace(bag, metadata={SENSED: frames}), replace(choice, alone=True)
+    # What is missing, and what topics are called, holds for the sensors, too; so does time 0 of the run.
+    metadata = {name: facts for name, facts in bag.metadata.items() if name != RUN}
+    return replace(bag, metadata={**metadata, SENSED: frames}, zero_ns=0), replace(choice, alone=True)
 
 
 def read_track(
