@@ -330,11 +330,16 @@ def balanced(track: Track, balance: Balance, bound: float) -> Check:
     onset = balance.onset_ns(bound)
     since = "" if onset is None else f", beyond it first at t = {(onset - start) * 1e-9:.6g} s"
     known = "" if balance.covered == 1.0 else f"; known for {100.0 * balance.covered:.3g} % of the time"
-    if balance.relative > bound and balance.noise is not None and not balance.noise.beyond:
-        told = bool(balance.noise.sizes) and balance.relative <= 1.0
-        if told:
+    noise = balance.noise
+    if balance.relative > bound and noise is not None and (noise.coloured or not noise.beyond):
+        told = bool(noise.sizes) and balance.relative <= 1.0 and not noise.coloured
+        if noise.coloured:
+            than = (
+                "not judged: the noise of neighbouring samples is correlated, or something acts that varies as quickly"
+            )
+        elif told:
             than = "no more than the noise of the recording"
-        elif balance.noise.sizes:
+        elif noise.sizes:
             than = "not judged: the noise of the recording is larger than the quantity itself"
         else:
             than = "not judged: too few samples to estimate the noise"

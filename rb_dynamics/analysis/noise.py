@@ -27,6 +27,8 @@ _SPREAD = 2.62
 # recordings of pure noise, also with fewer means than these, whose ratio is skewed.
 _BEYOND = 10.0
 _LEAST_MEANS = 16
+# Blocks so many times longer show whether the noise of neighbours is correlated; no noise is by more than this factor.
+_LONGER, _MOST_COLOUR = (2, 4, 8), 100.0
 # Neighbouring samples may repeat or filter one measurement: if there are enough, blocks have at least this many.
 _NEIGHBOURS = 4
 # So many rows tell how they are filtered.
@@ -42,12 +44,15 @@ class Noise:
         beyond: whether the values change by more than noise.
         sizes: block sizes that were tested, in samples.
         wander: sum of squares, over all samples, that integrated noise explains.
+        coloured: whether they change by more than noise of which each sample is independent, but by no more than noise
+            that is correlated over some samples.
     """
 
     level: float
     beyond: bool
     sizes: tuple[int, ...]
     wander: float = 0.0
+    coloured: bool = False
 
     def seen(self) -> float:
         """Return the root of the sum of squares, over all samples, of a smooth change that is surely detected."""
@@ -63,19 +68,22 @@ def judge(values: Array, stretch: Labels, steps: Array | None = None) -> Noise:
         steps: (n,) variance of the noise that each row adds to all after it; None for none.
     """
     size = _NEIGHBOURS if len(values) >= _NEIGHBOURS * 2 * _LEAST_MEANS else 1
-    level, beyond, whole = np.inf, False, 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
+    whole = 0.0 if steps is None else _BEYOND * _wander(steps, stretch)
+    level, beyond, sure = np.inf, False, False
     sizes: list[int] = []
     while True:
         ratio = _ratio(values, stretch, size, steps)
         if ratio is None:
             if size == 1 or sizes:
-                return Noise(level, beyond, tuple(sizes), whole)
+                return Noise(level, beyond, tuple(sizes), whole, beyond and not sure)
             size = 1
             continue
         if not sizes:
             level = float(np.sqrt(size * ratio.noise))
-            beyond = size > 1 and _short_beyond(values, stretch, size, steps, ratio)
-        beyond = beyond or (ratio.beyond() and ratio.beyond(*_colour(values, stretch, size)))
+            beyond = sure = size > 1 and _short_beyond(values, stretch, size, steps, ratio)
+        exceeds = ratio.beyond()
+        coloured = exceeds and not ratio.beyond(*_colour(values, stretch, size))
+        beyond, sure = beyond or exceeds, sure or (exceeds and not coloured)
         sizes.append(size)
         size *= 2
 
@@ -135,24 +143,25 @@ def _short_beyond(values: Array, stretch: Labels, size: int, steps: Array | None
 
 
 def _colour(values: Array, stretch: Labels, size: int) -> tuple[float, float]:
-    """Return by what factor means of `size` rows are noisier than their neighbours show, and the variance of its root.
+    """Return by what factor means of `size` rows may be noisier than their neighbours show, and to what variance.
 
-    Noise that is correlated over more rows shows in means of longer blocks: these are less quiet than those of white
-    noise. Medians, as a step that stays is no noise.
+    Noise that is correlated over more rows is in means of longer blocks, too: these are less quiet than those of white
+    noise. Medians are compared, as a step that stays is no noise.
     """
-    here, colour, variance = _median_of_thirds(means(values, stretch, size)), 1.0, 0.0
-    for factor in (2, 4, 8):
-        mean, of = means(values, stretch, factor * size)
-        longer = _median_of_thirds((mean, of))
-        if len(mean) < _LEAST_MEANS or not here:
+    here, colour, variance = _median_of_thirds(*means(values, stretch, size)), 1.0, 0.0
+    for times in _LONGER:
+        mean, of = means(values, stretch, times * size)
+        if len(mean) < _LEAST_MEANS // 2 or not here:
             break
-        if factor * (longer / here) ** 2 > colour:
-            colour, variance = factor * (longer / here) ** 2, _SPREAD / len(mean)
-    return colour, variance
+        found, unsure = times * (_median_of_thirds(mean, of) / here) ** 2, 2.0 * _SPREAD / len(mean)
+        # White noise has 1, up to chance.
+        if found > max(colour, 1.0 + 2.0 * float(np.sqrt(unsure))):
+            colour, variance = found, unsure
+    return min(colour, _MOST_COLOUR), variance
 
 
-def _median_of_thirds(found: tuple[Array, Labels]) -> float:
-    third = np.linalg.norm(_thirds(*found), axis=1)
+def _median_of_thirds(mean: Array, of: Labels) -> float:
+    third = np.linalg.norm(_thirds(mean, of), axis=1)
     return float(np.median(third)) if len(third) else 0.0
 
 

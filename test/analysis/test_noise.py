@@ -102,7 +102,10 @@ def test_another_inertia_and_mass_are_found_where_the_noise_lets_see_them() -> N
         if made.facts["commanded"]:
             assert left.mass == pytest.approx(made.body.mass, abs=4.0 * left.mass_error)
             heavy = summary_of(seed, made.scene(mass=1.3))
-            assert [check.name for check in heavy.checks if not check.passed] == UNLIKE_MASS
+            # Where pushes change quickly, noise that is correlated could be such a defect of the balance.
+            unlike = {check.name: check.passed and check.judged for check in heavy.checks if check.name in UNLIKE_MASS}
+            assert unlike == dict.fromkeys(UNLIKE_MASS, False)
+            assert not next(check for check in heavy.checks if check.name == UNLIKE_MASS[1]).passed
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -176,3 +179,26 @@ def test_of_too_few_nothing_is_told() -> None:
     assert noise.sizes == ()
     assert not noise.beyond
     assert np.isinf(noise.level)
+
+
+def correlated(random: np.random.Generator, count: int, part: float) -> np.ndarray:
+    """Return noise of which each sample has this part of the one before."""
+    noise = random.standard_normal((count, 3))
+    for k in range(1, count):
+        noise[k] = part * noise[k - 1] + np.sqrt(1.0 - part**2) * noise[k]
+    return noise
+
+
+@pytest.mark.parametrize(("count", "part"), [(1000, 0.5), (1000, 0.9), (5000, 0.9), (5000, 0.95)])
+def test_noise_that_is_correlated_is_told_from_a_step(count: int, part: float) -> None:
+    """Poses that are filtered, or that drift, failed the balances of momentum of a body that flew freely."""
+    random, stretch = np.random.default_rng(7), np.zeros(count, dtype=int)
+    for _ in range(20):
+        noise = correlated(random, count, part)
+        found = judge(noise, stretch)
+        assert not found.beyond or found.coloured
+        white = random.standard_normal((count, 3)) + 3.0 * (np.arange(count) > count // 3)[:, None]
+        for stepped in (white, noise + 30.0 * (np.arange(count) > count // 3)[:, None]):
+            found = judge(stepped, stretch)
+            assert found.beyond
+            assert not found.coloured
