@@ -334,9 +334,7 @@ def balanced(track: Track, balance: Balance, bound: float) -> Check:
     if balance.relative > bound and noise is not None and (noise.coloured or not noise.beyond):
         told = bool(noise.sizes) and balance.relative <= 1.0 and not noise.coloured
         if noise.coloured:
-            than = (
-                "not judged: the noise of neighbouring samples is correlated, or something acts that varies as quickly"
-            )
+            than = "not judged: correlated noise would look the same, and so would a load that varies as quickly"
         elif told:
             than = "no more than the noise of the recording"
         elif noise.sizes:

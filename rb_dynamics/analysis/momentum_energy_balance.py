@@ -6,7 +6,7 @@ If the log does not determine an impulse or a work, the balance is unknown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -45,6 +45,10 @@ class Balance:
     scale: float
     basis: str
     noise: Noise | None = None
+
+    def without_colour(self) -> Balance:
+        """Return the same with noise that is taken as independent from sample to sample."""
+        return replace(self, noise=self.noise and replace(self.noise, coloured=False))
 
     @property
     def defect(self) -> Array:

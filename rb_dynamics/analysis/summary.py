@@ -203,7 +203,11 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     unsure = _unsure(track, steady, agreed)
     found, left = tuple(balances(track, bound)), None if unsure or track.unrecorded else residual(track, bound)
     doubt = next((each.doubt for each in agreed if each.doubt), "")
-    judged = [*(balanced(track, each, bound) for each in found), *_explained(left)]
+    of_body = _explained(left)
+    if not all(check.passed for check in of_body):
+        # What the fit of another body or load explains is not put down to correlated noise.
+        found = tuple(each.without_colour() for each in found)
+    judged = [*(balanced(track, each, bound) for each in found), *of_body]
     # Differences of pose and twist that matter nowhere else would be mistaken for a torque.
     if doubt and not unsure and not all(check.passed for check in judged):
         unsure, left = doubt, None

@@ -80,7 +80,7 @@ def verdict(check: Check, passed: str, failed: str, unknown: str) -> str:
 def headline(summary: RunSummary) -> str:
     """Return the type of the file, in one or two sentences."""
     own = f"log of rb_dynamics {summary.version}".rstrip()
-    source = own if summary.own else "sensors of a run" if summary.sensed else "recording by another program"
+    source = own if summary.own else "sensors of a simulated run" if summary.sensed else "recording by another program"
     scene = f", scene {summary.scene}" if summary.scene else ""
     samples = f"{summary.duration_s:.9g} s in {summary.samples} samples" if summary.samples else "no motion recorded"
     asked = f" ({summary.asked})" if summary.asked != summary.method else ""

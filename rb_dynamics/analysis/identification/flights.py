@@ -479,7 +479,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     notes = [note for note in track.notes if not any(word in note for word in ours)]
     notes += [*losses(track), *remarks(track), *_of_actuators(bag, scene)]
     if own and choice.frames:
-        notes.append(f"its motion is that of the run, and not that of {':'.join(choice.frames)}, which were chosen")
+        notes.append(f"the motion of the run is fitted, and not that of the frames {':'.join(choice.frames)}")
     wheels = track.wheels.since(zero) if track.wheels else None
     notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
     notes += [f"{each.topic}: {told}" for each in track.motion if (told := contradictions(each, zero))]
