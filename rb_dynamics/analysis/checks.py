@@ -317,7 +317,22 @@ def off_unit(orientation: Array) -> float:
 
 def _unit(orientation: Array, bound: float) -> Check:
     worst = off_unit(orientation)
-    return Check("quaternion is unit", worst <= bound, f"|norm - 1| is at most {worst:.3g}, accepted {bound:g}")
+    places = _decimal_places(orientation) if worst > bound else None
+    rounded = 0.0 if places is None else 0.5 * 0.1**places * float(np.nanmax(np.abs(orientation).sum(axis=1)))
+    why = f", as numbers have {places} decimal places" if rounded > bound else ""
+    detail = f"|norm - 1| is at most {worst:.3g}, accepted {max(bound, rounded):.3g}{why}"
+    return Check("quaternion is unit", worst <= max(bound, rounded), detail)
+
+
+def _decimal_places(numbers: Array) -> int | None:
+    """Return to how many decimal places, from 3 to 6, all numbers are rounded; None if they are not."""
+    finite = numbers[np.isfinite(numbers)]
+    for places in range(3, 7):
+        scaled = finite * 10.0**places
+        # Up to what writing them in single precision changes.
+        if (np.abs(scaled - np.rint(scaled)) <= 1e-7 * np.abs(scaled) + 1e-9).all():
+            return places
+    return None
 
 
 def balanced(track: Track, balance: Balance, bound: float) -> Check:

@@ -480,6 +480,16 @@ def test_quaternion_that_is_not_unit_fails(bagger: Any) -> None:
     assert failed(summary_of(bagger(rows))) == ["quaternion is unit"]
 
 
+@pytest.mark.parametrize(("places", "length", "fails"), [(4, 1.0, False), (4, 1.001, True), (12, 1.00005, True)])
+def test_quaternions_rounded_to_some_decimal_places_are_unit(
+    bagger: Any, places: int, length: float, fails: bool
+) -> None:
+    half = 0.01 * np.arange(200)
+    q = np.round(length * np.column_stack([0.6 * np.sin(half), 0.8 * np.sin(half), 0.0 * half, np.cos(half)]), places)
+    rows = [pose(EVERY * k, (0.0, 0.0, 0.0, *row)) for k, row in enumerate(q.tolist())]
+    assert failed(summary_of(bagger(rows))) == (["quaternion is unit"] if fails else [])
+
+
 def test_odometry_alone_gives_both_pose_and_twist(bagger: Any) -> None:
     none = (0.0,) * 36
     velocity = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
