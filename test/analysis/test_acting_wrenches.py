@@ -46,6 +46,7 @@ ACTING = {
     "force at a point": "wrenches: [{topic: wrench}]\neffects: [{type: scheduled_wrench, frame_id: jet, schedule: "
     "[{time: 2.0, force: [0.2, 0, 0.1]}, {time: 5.0}]}]",
 }
+OFTEN = ("timeout", "force at a point")
 
 
 def flown(folder: Path, rest: str, commands: list[tuple[str, Wrench | Setpoint]], later_ns: int = 0) -> Path:
@@ -71,7 +72,9 @@ def verdict(found: Inspection) -> tuple[bool, bool]:
     return check.judged, check.passed
 
 
-@pytest.mark.parametrize("what", ACTING)
+@pytest.mark.parametrize(
+    "what", [pytest.param(name, marks=[pytest.mark.slow] * (name not in OFTEN)) for name in ACTING]
+)
 def test_what_the_scene_says_acts_is_no_fault_of_the_body(what: str, tmp_path: Path) -> None:
     bag = flown(tmp_path, ACTING[what], COMMANDS, 1_700_000_000 * SECOND)
     true = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING[what])))

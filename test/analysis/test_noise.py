@@ -35,6 +35,7 @@ def test_the_body_that_flew_is_not_accused() -> None:
     assert not accused(range(FEW))
 
 
+@pytest.mark.slow
 def test_an_impulse_summed_over_a_noisy_attitude_accuses_nobody() -> None:
     """Noise of the attitude adds up in the impulse of a force in body axes, to more than the noise of the velocity.
 
@@ -105,7 +106,7 @@ def test_another_inertia_and_mass_are_found_where_the_noise_lets_see_them() -> N
             assert [check.name for check in heavy.checks if not check.passed] == UNLIKE_MASS
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_torque_that_nobody_commanded_is_found_above_noise(seed: int) -> None:
     left = judged(seed, uncommanded=0.05)
     assert not left.explained
@@ -186,7 +187,15 @@ def correlated(random: np.random.Generator, count: int, part: float) -> np.ndarr
     return noise
 
 
-@pytest.mark.parametrize(("count", "part"), [(1000, 0.5), (1000, 0.9), (5000, 0.9), (5000, 0.95)])
+@pytest.mark.parametrize(
+    ("count", "part"),
+    [
+        pytest.param(1000, 0.5, marks=pytest.mark.slow),
+        (1000, 0.9),
+        pytest.param(5000, 0.9, marks=pytest.mark.slow),
+        (5000, 0.95),
+    ],
+)
 def test_noise_that_is_correlated_is_told_from_a_step(count: int, part: float) -> None:
     """Poses that are filtered, or that drift, failed the balances of momentum of a body that flew freely."""
     random, stretch = np.random.default_rng(7), np.zeros(count, dtype=int)

@@ -89,7 +89,7 @@ def test_stamps_coarser_than_the_samples_are_no_lag(ticks: int) -> None:
     assert f"{repeated} have the stamp of the one before, as of {clock}" in found["/b/pose is whole"]
 
 
-@pytest.mark.parametrize("lag_ms", [50, -50, 10, 400])
+@pytest.mark.parametrize("lag_ms", [50, -50, pytest.param(10, marks=pytest.mark.slow), 400])
 def test_a_twist_that_lags_the_pose_is_told_with_its_lag(lag_ms: int) -> None:
     motion = precessing()
     bag = bag_of(motion, twist=motion.moved(lag_ms * 1_000_000), wrench=True)
@@ -124,6 +124,7 @@ def test_a_twist_of_another_scale_is_told_also_of_a_part(of: slice, factor: floa
     assert ("the twist has 1.2 ±" if whole else "for a while one of the two stood still, had another scale") in detail
 
 
+@pytest.mark.slow
 def test_a_moment_in_degrees_is_not_taken_for_a_torque() -> None:
     """A single window is too little for a contradiction, and a torque too much of a conclusion."""
     motion = precessing()

@@ -59,6 +59,7 @@ def test_inspect_finds_nothing_else_that_acted_and_a_force_that_is_wrong(tmp_pat
     assert [check.name for check in wrong.checks if not check.passed]
 
 
+@pytest.mark.slow
 def test_commands_that_are_recorded_some_milliseconds_late_accuse_nobody(tmp_path: Path) -> None:
     """They have no stamps: what acted is known only as well as when."""
     scene = rb.parse_scene(

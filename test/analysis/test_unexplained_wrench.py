@@ -83,7 +83,7 @@ def test_another_inertia_does_not_and_the_right_one_is_found(flight: Any, judged
     assert " ± " in said
 
 
-@pytest.mark.parametrize("factor", [1e-4, 1e3])
+@pytest.mark.parametrize("factor", [1e-4, pytest.param(1e3, marks=pytest.mark.slow)])
 def test_an_inertia_in_other_units_is_no_torque_that_nobody_commanded(flight: Any, judged: Any, factor: float) -> None:
     left = judged(flight, factor * TRUE, noise=1e-5)
     assert not left.explained
@@ -174,7 +174,7 @@ def on_wheels(noise: float, rate: Callable[[np.ndarray], np.ndarray], wrench: bo
     return left
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 1e-3])
 @pytest.mark.parametrize("wrench", [True, False])
 def test_a_robot_on_the_ground_tells_of_a_torque_and_nothing_of_its_inertia(noise: float, wrench: bool) -> None:
     """The best fit was an inertia of zero about the only axis, which leaves nothing."""
@@ -278,7 +278,7 @@ def test_the_wheel_of_another_body_in_the_bag_does_not_matter(tmp_path: Path) ->
         assert judged.judged == (name == "one")
 
 
-@pytest.mark.parametrize("given", ["[0.5, 0.7, 0.9]", "[0.5, 0.8, 0.9]"])
+@pytest.mark.parametrize("given", [pytest.param("[0.5, 0.7, 0.9]", marks=pytest.mark.slow), "[0.5, 0.8, 0.9]"])
 def test_what_a_magnetorquer_does_is_no_torque_that_nobody_recorded(tmp_path: Path, given: str) -> None:
     """A part of a log has its commands, and nothing of its torque: no inertia was said to explain the motion."""
     text = """

@@ -136,7 +136,9 @@ def test_the_inertia_of_a_body_turned_by_its_wheels_is_found(tmp_path: Path, noi
     assert max(errors) < 2e-3
 
 
-@pytest.mark.parametrize("step", [0.1, 0.5, np.pi / 30.0])
+@pytest.mark.parametrize(
+    "step", [pytest.param(0.1, marks=pytest.mark.slow), pytest.param(0.5, marks=pytest.mark.slow), np.pi / 30.0]
+)
 def test_rounding_of_speeds_that_hold_still_is_in_the_intervals(tmp_path: Path, step: float) -> None:
     """Drives hold the speeds: no sample differs from another, and all are off by the same."""
     times, off = np.arange(0, SECONDS, 0.01), list[float]()
@@ -183,6 +185,7 @@ def test_the_scene_found_has_the_speeds_with_which_the_recording_begins(tmp_path
         assert abs(flight.speeds[0, 0]) > 20.0
 
 
+@pytest.mark.slow
 def test_what_slow_speeds_leave_open_is_in_the_intervals(tmp_path: Path) -> None:
     """Chords at 5 Hz are flatter than what the wheels did: of noise alone, the truth is up to 3.5 errors off."""
     worst, told = 0.0, 0
@@ -200,6 +203,7 @@ def test_what_slow_speeds_leave_open_is_in_the_intervals(tmp_path: Path) -> None
     assert told == 8
 
 
+@pytest.mark.slow
 def test_torques_that_change_between_samples_are_no_omission(tmp_path: Path) -> None:
     """A log has no noise that would hide how wheels turned between its outputs."""
     text = "body: {{mass: {}, inertia: {{matrix: {}}}}}\nduration: 8\noutput_rate: 50\nactuators:\n{}"

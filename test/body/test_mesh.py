@@ -169,6 +169,7 @@ def test_parts_beside_each_other_add_up() -> None:
     assert solid.squared_gyration[2][2] == pytest.approx(1.0 / 6.0 + 9.0, rel=1e-14)
 
 
+@pytest.mark.slow
 @given(st.tuples(lengths, lengths, lengths), st.tuples(lengths, lengths, lengths))
 def test_unlike_parts_add_up_about_their_common_centre(first: Any, second: Any) -> None:
     """The mean of the vertices is not the centre of mass here."""

@@ -157,7 +157,18 @@ def test_auto_moves_the_body_as_the_other_equations_say(name: str) -> None:
     assert_close(simulate(parse_scene(scene(text))).sample, reference(effects, edges), 2e-10)
 
 
-@pytest.mark.parametrize("method", ["dop853", "rkmk54", "rkmk4", "cf4", "rk4", "radau", "midpoint6", "midpoint4"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "dop853",
+        "rkmk54",
+        "rkmk4",
+        "cf4",
+        "rk4",
+        "radau",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("midpoint6", "midpoint4")),
+    ],
+)
 def test_so_does_every_family_with_all_effects_at_once(method: str) -> None:
     text = ", ".join([GRAVITY, f"{{type: quadratic_drag, {WIND}}}", FIRST, SECOND])
     effects = [gravity(2.0, [1, -1, 0.5]), drag(1, [0.2, 0.5, 0], [0.3, 0, 0.9], [1, 2, 3]), *ROTORS]

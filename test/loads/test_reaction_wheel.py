@@ -163,6 +163,7 @@ duration: 230
     require_books(sink, 1e-12, 1e-14)
 
 
+@pytest.mark.slow
 def test_wheels_that_pass_rest_follow_an_integrator_that_locates_it() -> None:
     """Two wheels of a body that tumbles, each reversed every half second."""
     text = f"""{BODY}

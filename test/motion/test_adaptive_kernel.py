@@ -100,7 +100,9 @@ def end(arc: Arc, end_ns: int, looks: tuple[float, ...] = ()) -> tuple[object, .
 
 
 @needs_numba
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in ("low", "own"))) for kind in KINDS]
+)
 def test_strides_and_bits_are_those_of_plain_python(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     refused = 0
     # At order 2 a run has many strides.

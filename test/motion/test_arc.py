@@ -62,7 +62,15 @@ KINDS = ["whole", "third", "odd", "accuracy"]
 
 
 class TestTime:
-    @pytest.mark.parametrize("step", [0.001, 1.0 / 3e3, 0.0001234567890123, 2.0**-13])
+    @pytest.mark.parametrize(
+        "step",
+        [
+            0.001,
+            pytest.param(1.0 / 3e3, marks=pytest.mark.slow),
+            0.0001234567890123,
+            pytest.param(2.0**-13, marks=pytest.mark.slow),
+        ],
+    )
     def test_is_the_sum_of_all_steps(self, step: float) -> None:
         """The path after 1e5 steps on a grid off whole nanoseconds shows that none was lost, doubled or cut."""
         arc = drifting(step)

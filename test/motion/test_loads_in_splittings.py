@@ -408,7 +408,7 @@ class TestEnergyOfALongOrbit:
         [
             "strang2",
             "dlm2",
-            "dlm4",
+            pytest.param("dlm4", marks=pytest.mark.slow),
             pytest.param("strang6", marks=pytest.mark.slow),
             pytest.param("dmv82", marks=pytest.mark.slow),
             pytest.param("midpoint", marks=pytest.mark.slow),

@@ -509,7 +509,7 @@ class TestWhereRoundingHidesTheError:
 
         assert np.abs(np.subtract(end.orientation_xyzw, nearly.orientation_xyzw)).max() < 1e-8
 
-    @pytest.mark.parametrize("method", ["auto", "dop853", "rk4", "radau"])
+    @pytest.mark.parametrize("method", ["auto", "dop853", "rk4", pytest.param("radau", marks=pytest.mark.slow)])
     @pytest.mark.parametrize("apart", [1, 3])
     def test_commands_nanoseconds_apart_leave_a_step(self, method: str, apart: int) -> None:
         """What was learnt from a stride as long as the run was tried with one twice as long, and so not at all."""

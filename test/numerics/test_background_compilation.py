@@ -47,6 +47,7 @@ def wait_for(path: Path) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_a_process_that_has_compiled_and_waits_for_more_keeps_nobody_from_compiling(folder: Path) -> None:
     with asking("_no_strides") as first:
         wait_for(folder / "_no_strides.kernel")

@@ -131,6 +131,7 @@ def test_registries_of_the_package_have_ours_under_their_names() -> None:
     assert all(name == effect.kind and effect.keys for name, effect in EFFECTS.own.items())
 
 
+@pytest.mark.slow
 def test_a_method_that_fails_harms_no_trade_of_others(tmp_path: Path) -> None:
     source = """
 from rb_dynamics.motion.method import LoadDependence, Method

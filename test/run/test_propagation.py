@@ -227,7 +227,9 @@ def test_sinks_that_take_blocks_keep_what_they_keep_of_single_events(
     assert kept[0] == kept[1]
 
 
-@pytest.mark.parametrize(("rate", "max_rows"), [(300.0, 100_000), (300.0, 100), (0.5, 100_000)])
+@pytest.mark.parametrize(
+    ("rate", "max_rows"), [(300.0, 100_000), pytest.param(300.0, 100, marks=pytest.mark.slow), (0.5, 100_000)]
+)
 def test_a_recording_by_blocks_has_the_rows_of_one_by_events(
     bag: Path, tmp_path: Path, rate: float, max_rows: int
 ) -> None:
@@ -364,7 +366,7 @@ def test_under_regular_commands_one_stride_leads_to_the_next(method: str, steps:
         Solver(method="dop853", accuracy=1e-9),
         pytest.param(Solver(method="dverk", accuracy=1e-7), marks=pytest.mark.slow),
         pytest.param(Solver(method="rk4", accuracy=1e-6), marks=pytest.mark.slow),
-        Solver(method="rk4", step=1 / 256),
+        pytest.param(Solver(method="rk4", step=1 / 256), marks=pytest.mark.slow),
         Solver(method="auto", accuracy=1e-7),
     ],
     ids=str,

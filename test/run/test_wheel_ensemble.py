@@ -366,6 +366,7 @@ def test_a_switch_is_found_in_few_steps(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(taken) < 13 * stopped
 
 
+@pytest.mark.slow
 def test_arcs_of_many_strides_have_the_bits_of_themselves_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     scenes = [replace(satellite(number, SOLVERS["auto"], "torque"), effects=(), duration=40.0) for number in range(3)]

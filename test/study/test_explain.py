@@ -320,6 +320,7 @@ def test_no_cost_holds_what_happens_once_or_a_while_in_which_the_machine_was_bus
     assert found.trial_s < 600.0
 
 
+@pytest.mark.slow
 def test_a_run_without_outputs_ends_when_half_of_its_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock on which a step takes a millisecond; the steps are counted though no edge is reached."""
     module = importlib.import_module("rb_dynamics.study.explain")
@@ -418,6 +419,7 @@ def test_sensors_slower_than_the_body_turns_are_named() -> None:
     assert found.startswith("tracker: the body turns by 2 rad from one message to the next")
 
 
+@pytest.mark.slow
 def test_the_first_imports_are_not_part_of_the_cost() -> None:
     code = (
         "import functools, sys\n"

@@ -142,6 +142,7 @@ def test_starts_that_meet_are_followed_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(whole) <= 5
 
 
+@pytest.mark.slow
 def test_a_piece_in_which_the_motion_is_lost_grows_in_steps() -> None:
     """Near the middle axis the three times longer piece was beyond what the one before foresaw."""
     random = np.random.default_rng(4)
@@ -184,7 +185,9 @@ def test_errors_of_a_robust_loss_are_those_of_least_squares_over_its_efficiency(
     assert ratios == pytest.approx([worse] * len(ratios), rel=0.05)
 
 
-@pytest.mark.parametrize(("loss", "most"), [("huber", 1.12), ("soft_l1", 1.12), ("cauchy", 1.25)])
+@pytest.mark.parametrize(
+    ("loss", "most"), [("huber", 1.12), pytest.param("soft_l1", 1.12, marks=pytest.mark.slow), ("cauchy", 1.25)]
+)
 def test_errors_of_a_robust_loss_count_the_numbers_that_the_fit_took(loss: str, most: float) -> None:
     """Of 120 measurements and 12 parameters, squared errors were 1.27, 1.22 and 1.7 times the stated ones."""
     random, count, fitted_numbers = np.random.default_rng(0), 120, 12

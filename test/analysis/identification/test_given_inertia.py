@@ -35,7 +35,7 @@ def with_rates(track: Track, rates: Any) -> Track:
     return replace(track, twist=replace(track.twist, values=np.hstack([track.twist.values[:, :3], rates])))
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_an_inertia_is_judged_by_poses_alone(seed: int) -> None:
     made = recording(seed)
     assert judged(track_of(made, without="/b/twist")).explained
@@ -51,7 +51,7 @@ def test_an_inertia_is_judged_by_poses_alone(seed: int) -> None:
     )
 
 
-@pytest.mark.parametrize("factor", [0.03, 0.003])
+@pytest.mark.parametrize("factor", [0.03, pytest.param(0.003, marks=pytest.mark.slow)])
 def test_a_body_that_tumbles_away_from_its_poses_does_not_explain_them(factor: float) -> None:
     """What it leaves changes as quickly as noise does, and was taken for the noise of the poses."""
     made = recording(0)
@@ -159,7 +159,7 @@ def test_a_bias_of_a_gyro_is_no_torque_and_no_inertia() -> None:
     np.testing.assert_allclose(left.bias, [2e-3, -1e-3, 1e-3], atol=2e-4)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_bias_is_no_torque_where_the_fit_has_other_minima(seed: int) -> None:
     """From one of them, a torque was said to have acted that nobody commanded, and a delay to explain poses alone."""
     made, bias = flipping(seed), np.array([-9.1e-3, 4.2e-3, -12.3e-3])
@@ -204,7 +204,7 @@ def test_what_is_left_of_poses_without_noise_is_not_said_to_be_coloured_noise() 
 
 
 @pytest.mark.parametrize("what", ["scale", "alignment"])
-@pytest.mark.parametrize("seed", [1, 3, 10])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 10))])
 def test_rates_by_another_scale_or_of_turned_axes_are_no_torque(what: str, seed: int) -> None:
     """A torque was said to have acted that nobody commanded."""
     track = track_of(recording(seed))
@@ -230,7 +230,7 @@ def test_errors_of_rates_are_told_where_they_are_determined(seed: int, told: str
 
 
 @pytest.mark.parametrize("what", ["rates", "attitude"])
-@pytest.mark.parametrize("seed", [1, 3, 4])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 4))])
 def test_a_sensor_that_wanders_is_no_torque(what: str, seed: int) -> None:
     """What each of pose and twist shows alone is explained: they contradict each other."""
     track = track_of(recording(seed))

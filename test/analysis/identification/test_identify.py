@@ -267,6 +267,7 @@ def test_a_held_out_flight_of_another_body_is_named_and_fails() -> None:
     assert found.unexplained[0].startswith("the fit does not predict what was held out: residuals of")
 
 
+@pytest.mark.slow
 def test_a_short_fit_cannot_tell_of_a_long_flight_but_of_another_body() -> None:
     """A fit of 0.6 s leaves numbers that miss six seconds by many times the noise: that is no other body."""
     random = np.random.default_rng(2)
@@ -286,6 +287,7 @@ def test_a_short_fit_cannot_tell_of_a_long_flight_but_of_another_body() -> None:
     assert "the body, or what acts on it, is another there" in other.unexplained[0]
 
 
+@pytest.mark.slow
 def test_a_short_fit_whose_errors_are_not_linear_is_no_other_body() -> None:
     """Four standard errors off in one direction, it was 30 off in another, in which linear errors are small."""
     random = np.random.default_rng(67)
@@ -583,6 +585,7 @@ def test_a_gyro_that_shows_a_constant_tells_no_bias() -> None:
     assert not any(each.known for each in of_gyro(random_body(random), rates).parameters)
 
 
+@pytest.mark.slow
 def test_slow_noise_of_a_gyro_about_a_constant_tells_no_bias() -> None:
     """A motion follows it a little better than a constant does: a spin of 3 rad/s was known to be 0.4 rad/s."""
     random = np.random.default_rng(7)

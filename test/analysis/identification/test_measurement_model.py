@@ -81,7 +81,7 @@ def every_sensor() -> Flight:
     return Flight("every", streams, channels)
 
 
-@pytest.mark.parametrize(("late", "lag"), [(0.01, 0.01), (0.15, 0.1)])
+@pytest.mark.parametrize(("late", "lag"), [(0.01, 0.01), pytest.param(0.15, 0.1, marks=pytest.mark.slow)])
 def test_derivatives_are_those_of_differences(late: float, lag: float) -> None:
     model = Model(parse_scene(SCENE), [every_sensor()], FIT)
     model.turn = 0.03

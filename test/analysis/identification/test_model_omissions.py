@@ -66,6 +66,7 @@ def test_a_constant_torque_that_hides_in_the_noise_is_found_and_named() -> None:
     assert (plain.standard_error or 0.0) < 0.7 * (doubled.standard_error or 0.0)
 
 
+@pytest.mark.slow
 def test_without_a_torque_that_is_as_large_as_those_commanded_nothing_is_known() -> None:
     """It was said that without it numbers would be 0 standard errors elsewhere."""
     body, flight = flight_of(3, unrecorded=12.0 * TORQUE)
@@ -110,6 +111,7 @@ def test_a_constant_force_a_bias_and_a_delay_are_told_from_a_torque() -> None:
         assert furthest(found, body) < 2.5
 
 
+@pytest.mark.slow
 def test_what_explains_a_part_only_widens_the_intervals() -> None:
     seconds = np.arange(200) / 100.0
     body, flight = flight_of(7, unrecorded=TORQUE * (1.0 + 0.5 * np.sin(9.0 * seconds[:, None])))
@@ -135,6 +137,7 @@ def test_what_explains_a_part_is_told_with_its_errors(sizes: tuple[float, float]
     assert note.startswith(f"a delay of ({value[0]:.3g}, {value[1]:.3g}) ± (4e-05, 6e-05) {told}")
 
 
+@pytest.mark.slow
 def test_a_torque_is_relative_to_an_inertia_that_no_torque_tells() -> None:
     """Twice the inertia and twice the torque give the same motion."""
     seconds = np.arange(200) / 100.0

@@ -58,6 +58,7 @@ def test_they_give_numbers_and_errors_of_a_flight_from_a_single_start(moves: boo
     assert errors[1] == pytest.approx(errors[0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_starts_are_compared_in_the_first_segments_of_a_long_flight(monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(3)
     body = random_body(random)

@@ -422,7 +422,7 @@ def good_runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], 
 @pytest.mark.parametrize(
     ("bad", "scene"),
     [
-        *(pytest.param(bad, SCENE, id=f"many-{bad}") for bad in BAD),
+        *(pytest.param(bad, SCENE, id=f"many-{bad}", marks=[pytest.mark.slow] * (bad not in OFTEN)) for bad in BAD),
         *(
             pytest.param(bad, SCENE + EFFECT, id=f"alone-{bad}", marks=[pytest.mark.slow] * (bad not in OFTEN))
             for bad in BAD

@@ -234,6 +234,7 @@ def test_an_infinite_value_is_one(tmp_path: Path) -> None:
     json.dumps(summary.as_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_a_tile_of_what_was_never_reached_names_no_largest_value(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     from rb_dynamics.report.campaign_page import campaign_report
@@ -406,6 +407,7 @@ def test_the_page_says_what_part_of_the_runs_it_shows_over_time(
     assert all("16 of the 36 runs; orange: 8 of the 12 that failed." in figure.caption for figure in section.figures)
 
 
+@pytest.mark.slow
 def test_the_page_draws_no_input_that_drives_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     from rb_dynamics.report import campaign_page
@@ -425,6 +427,7 @@ def test_the_page_draws_no_input_that_drives_nothing(tmp_path: Path, monkeypatch
     assert drawn() == 2
 
 
+@pytest.mark.slow
 def test_only_a_time_without_a_value_is_never(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The table of failed runs said never of rates, and of runs that were not flown."""
     pytest.importorskip("matplotlib")

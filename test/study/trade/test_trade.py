@@ -129,7 +129,9 @@ def test_a_driven_scene_has_the_true_errors_and_no_closed_form() -> None:
         assert coarse.error > fine.error
 
 
-@pytest.mark.parametrize(("rate", "stall"), [(0.001, 0.0), (10.0, 0.0), (10.0, 0.1)])
+@pytest.mark.parametrize(
+    ("rate", "stall"), [pytest.param(0.001, 0.0, marks=pytest.mark.slow), (10.0, 0.0), (10.0, 0.1)]
+)
 def test_what_is_fastest_is_fastest_with_the_outputs_of_the_scene(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rate: float, stall: float
 ) -> None:
@@ -210,6 +212,7 @@ def test_methods_are_names() -> None:
         trade(parse_scene(DRAG), methods="rk4")
 
 
+@pytest.mark.slow
 def test_how_many_settings_are_far_from_the_target_follows_from_the_order_seen(free_scene: Scene) -> None:
     """From any two rows of rk4, the remaining settings include the target and start a few settings before it."""
     # With all of the time for itself: among others it may get to one setting before its kernel is compiled.
@@ -293,6 +296,7 @@ def test_what_is_recommended_keeps_the_target_over_the_whole_scene(monkeypatch: 
     assert "after all 60 s" in as_text(found)
 
 
+@pytest.mark.slow
 def test_where_the_whole_is_too_long_the_error_is_taken_to_grow_and_the_text_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -319,7 +323,7 @@ def test_commands_that_cannot_be_honoured_are_left_out_and_counted() -> None:
 
 
 @needs_numba
-@pytest.mark.parametrize("room", [math.inf, 1.0])
+@pytest.mark.parametrize("room", [math.inf, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_long_scene_is_measured_as_it_would_run_and_no_time_holds_what_compiling_takes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, room: float
 ) -> None:
@@ -378,6 +382,7 @@ def test_a_short_scene_is_not_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert found.kernels == {}
 
 
+@pytest.mark.slow
 def test_where_no_two_methods_run_the_trial_in_time_a_shorter_one_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first attempt runs out of time at once."""
     find, tried = reference.find_reference, []
