@@ -277,7 +277,10 @@ def _times(track: Track, spans: Sequence[tuple[int, int]]) -> str:
 def _one_body(track: Track, others: Sequence[Other]) -> Check:
     topic = "" if track.pose is None else track.pose.topic
     name, unlike = f"topics of {others[0].frame} are of one body", [other for other in others if not other.alike]
-    apart = [f"{o.topic} by {o.distance:.4g} m and {np.rad2deg(o.angle):.4g}°" for o in unlike or others]
+    apart = []
+    for other in unlike or others:  # a star tracker tells no position
+        distance = "" if np.isnan(other.distance) else f"{other.distance:.4g} m and "
+        apart.append(f"{other.topic} by {distance}{np.rad2deg(other.angle):.4g}°")
     what = f"differ in the median from {topic}: {listed(apart[:NAMED], len(apart))}"
     if unlike:
         return Check(name, False, f"they move differently, and {what}; two bodies, or one of them is wrong")

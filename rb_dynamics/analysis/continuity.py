@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,11 +167,15 @@ def _turn_by_rates(twist: TimeSeries | None, pose: TimeSeries) -> float:
 
     A second body on the topic turns the pose from sample to sample, but not the body whose rates these are.
     """
-    if twist is None or not len(twist.values):
-        return math.inf
-    rates = np.concatenate([np.linalg.norm(rows[:, 3:], axis=1) for rows in in_blocks(twist.values)])
+    rate = 0.0 if twist is None else _usual_rate(twist)
+    return rate * float(np.median(np.diff(pose.time_ns))) * 1e-9 if rate else math.inf
+
+
+def _usual_rate(twist: TimeSeries) -> float:
+    """Return the usual rate, rad/s, of those that are not 0; 0 if there are none."""
+    rates = np.concatenate([np.empty(0), *(np.linalg.norm(rows[:, 3:], axis=1) for rows in in_blocks(twist.values))])
     rates = rates[rates > 0.0]
-    return float(np.median(rates) * np.median(np.diff(pose.time_ns))) * 1e-9 if len(rates) else math.inf
+    return float(np.median(rates)) if len(rates) else 0.0
 
 
 def contradictions(series: TimeSeries, start_ns: int) -> str:
@@ -380,7 +385,7 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
     pose, twist, bag = track.pose, track.twist, track.bag
     if pose is None or twist is None or not twist.frame:
         return ()
-    found = []
+    found, rate = [], _usual_rate(twist)
     for topic in bag.topics.values():
         if topic.type_name != ODOMETRY or not topic.count or topic.name in track.uses:
             continue
@@ -390,13 +395,29 @@ def _others(track: Track, extent: float) -> tuple[Other, ...]:
         within = (time_ns >= pose.time_ns[0]) & (time_ns <= pose.time_ns[-1]) & (np.abs(rows) < LARGEST).all(axis=1)
         if not within.any():
             continue
-        at = np.minimum(np.searchsorted(pose.time_ns, time_ns[within]), len(pose.time_ns) - 1)
-        beside, here = rows[within], pose.values[at]
+        order = np.flatnonzero(within)[np.argsort(time_ns[within], kind="stable")]
+        theirs = time_ns[order]
+        ours = np.flatnonzero((pose.time_ns >= theirs[0]) & (pose.time_ns <= theirs[-1]))
+        # Each sample of the one that has fewer, beside the nearest of the other.
+        if 0 < len(ours) < len(order):
+            at, beside_it = ours, order[_nearest(theirs, pose.time_ns[ours])]
+        else:
+            at, beside_it = _nearest(pose.time_ns, theirs), order
+        here, beside = pose.values[at], rows[beside_it]
         distance = float(np.median(_apart(here[:, :3], beside[:, :3], turns=False)))
         angle = float(np.median(_apart(unit_rows(here[:, 3:]), unit_rows(beside[:, 3:]), turns=True)))
-        if angle > _APART_TURN or distance > max(_APART, _APART_PART * extent):
+        # One body turns, too, from the sample of the one topic to that of the other.
+        turned = rate * 1e-9 * float(np.median(np.abs(pose.time_ns[at] - time_ns[beside_it])))
+        if angle > _APART_TURN + turned or distance > max(_APART, _APART_PART * extent):
             found.append(Other(topic.name, twist.frame, angle, distance, _alike(here, beside)))
     return tuple(found)
+
+
+def _nearest(time_ns: Times, at_ns: Times) -> Any:
+    """Return the indices of the times, ascending, that are nearest to others."""
+    after = np.minimum(np.searchsorted(time_ns, at_ns), len(time_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(at_ns - time_ns[before] < time_ns[after] - at_ns, before, after)
 
 
 def _alike(one: Array, other: Array) -> bool:

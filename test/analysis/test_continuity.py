@@ -15,7 +15,7 @@ from tumbling import Tumble, bag_of, checks_of, failing, fill, spin
 from rb_dynamics import RigidBody, State, free_motion
 from rb_dynamics.analysis.continuity import continuity
 from rb_dynamics.analysis.identification.flights import flight_of
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
@@ -41,6 +41,15 @@ def odometry(name: str, motion: Tumble) -> Topic:
 
     add_stamped(topic, motion.time_ns, motion.time_ns, rows, encode)
     return topic
+
+
+def tumble(rate: float) -> Tumble:
+    """Return the motion of a brick that turns in one place, at 100 Hz for 10 s."""
+    spun = State(angular_velocity_body=(0.3 * rate, 0.9 * rate, 0.1 * rate))
+    time_ns = np.arange(1000, dtype=np.int64) * 10_000_000
+    flown = free_motion(BRICK, spun, time_ns * 1e-9)
+    parts = (flown.position_world, flown.orientation_xyzw, flown.linear_velocity_world, flown.angular_velocity_body)
+    return Tumble(time_ns, *map(np.array, parts))
 
 
 @pytest.mark.parametrize("with_twist", [True, False])
@@ -244,6 +253,20 @@ def test_two_topics_of_one_frame_are_two_bodies_if_they_move_otherwise(
     assert [check.passed if check.judged else None for check in checks] == [result] * (result is not True)
     assert all("/b/odom by" in check.detail for check in checks)
     assert (track.body is not None and summary.residual is None) == (result is False)
+
+
+@pytest.mark.parametrize("every", [10, 25])
+@pytest.mark.parametrize("slow_odometry", [True, False])
+def test_one_body_that_turns_far_between_two_samples_of_a_slow_topic_is_no_second_one(
+    every: int, slow_odometry: bool
+) -> None:
+    """A quick topic was compared with the next sample of a slow one, by when the body had turned on."""
+    motion = tumble(12.0)
+    slow = motion.taken(np.arange(3, 1000, every))
+    bag = bag_of(motion if slow_odometry else slow, twist=motion)
+    bag.topics["/odom"] = odometry("/odom", slow if slow_odometry else motion)
+    track = read_track(bag, BALL, TopicChoice(pose="/b/pose", twist="/b/twist"))
+    assert not [each for each in summarize(track).checks if each.name.endswith("are of one body")]
 
 
 def test_attitudes_too_far_apart_to_tell_are_not_judged() -> None:
