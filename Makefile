@@ -100,8 +100,9 @@ $(VENV)/created:
 	@$(PIP) install --quiet --upgrade 'pip>=23.1' 'setuptools>=70.1,<80'
 	@touch $@
 
-# Ignore the warning of setuptools about editable installs.
-INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-build-isolation --editable
+# Ignore the warning of setuptools about editable installs. Python compiles what is imported; for pip to compile all takes
+# half of the time.
+INSTALL := PYTHONWARNINGS=ignore::UserWarning $(PIP) install --quiet --no-compile --no-build-isolation --editable
 EXTRAS_demo := ros,log,plot,interactive,fast
 EXTRAS_test := $(EXTRAS_demo),scale,igrf,test,dev,docs
 EXTRAS_docs := docs
