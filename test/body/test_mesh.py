@@ -279,6 +279,7 @@ def test_triangles_that_only_fold_over_each_other_or_touch_do_not_cross() -> Non
     assert mesh.solid(foil.vertices * [1.0, 1.0, 1e-7], foil.faces).volume == pytest.approx(1e-7 * foil.volume)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_checked_is_named(tmp_path: Path) -> None:
     """The edges of a fan of 6000 triangles are all close to all its triangles."""
     trimesh.creation.cylinder(1.0, 0.01, sections=6000).export(tmp_path / "disc.ply")

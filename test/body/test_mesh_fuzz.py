@@ -28,7 +28,7 @@ edits = st.lists(
 )
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 @given(suffix=st.sampled_from(FORMATS), changes=edits)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_box_with_bytes_replaced_added_or_removed(

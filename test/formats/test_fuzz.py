@@ -21,7 +21,7 @@ from rb_dynamics.formats.topic_messages import KEPT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 
-MANY = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+MANY = settings(max_examples=120, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 SCENE = parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.05\noutput_rate: 50\n")
 
 # Where, how many bytes go, and what comes instead.

@@ -56,6 +56,7 @@ def test_a_process_that_has_compiled_and_waits_for_more_keeps_nobody_from_compil
         assert first.poll() is None
 
 
+@pytest.mark.slow
 def test_it_waits_for_another_that_compiles_and_passes_over_what_that_has_compiled(folder: Path) -> None:
     with (folder / "compiling").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

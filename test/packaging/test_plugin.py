@@ -20,8 +20,8 @@ import pytest
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 SHELL = [
-    # 200 000 steps, which the first run takes in plain Python.
-    pytest.param(line, marks=[pytest.mark.slow] * ("--step 1e-4" in line))
+    # 200 000 steps, which the first run takes in plain Python; and what measures for some seconds.
+    pytest.param(line, marks=[pytest.mark.slow] * ("--step 1e-4" in line or line.startswith(("explain", "trade"))))
     for line in re.findall(r"^\.venv/bin/rb-dynamics (.*)$", PAGE, re.MULTILINE)
 ]
 

@@ -144,6 +144,7 @@ def test_report_of_a_foreign_bag(with_scene: bool, example_dir: Path, scene_dir:
     assert ("Give them as a scene file" in words(page)) is not with_scene
 
 
+@pytest.mark.slow
 def test_report_says_if_the_scene_explains_a_foreign_bag(example_dir: Path, scene_dir: Path, tmp_path: Path) -> None:
     write_run_report(example_dir / "slew.mcap", tmp_path / "run.html", scene=read_scene(scene_dir / "slew.yaml"))
     text = words(page_of(tmp_path / "run.html"))

@@ -159,7 +159,11 @@ def test_a_bag_flies_as_its_commands_one_by_one(bag: Path, solver: Solver, flown
 
 @pytest.mark.parametrize(
     "solver",
-    [Solver(method="rk4", step=1 / 256), Solver(method="dop853", accuracy=1e-9), Solver(method="auto", accuracy=1e-7)],
+    [
+        Solver(method="rk4", step=1 / 256),
+        pytest.param(Solver(method="dop853", accuracy=1e-9), marks=pytest.mark.slow),
+        Solver(method="auto", accuracy=1e-7),
+    ],
     ids=str,
 )
 def test_so_it_does_under_effects(bag: Path, solver: Solver, flown: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,6 +250,7 @@ def test_a_recording_by_blocks_has_the_rows_of_one_by_events(
     assert [name for name in kept[0] if repr(kept[0][name]) != repr(kept[1][name])] == []
 
 
+@pytest.mark.slow
 def test_a_replay_by_blocks_finds_what_one_by_events_finds(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,7 +21,7 @@ FULL: dict[str, Any] = yaml.safe_load(SLEW)
 FULL["body"]["frames"] = {"tool": {"position": [1, 2, 3], "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}}
 DUMPED = yaml.safe_dump(FULL)
 
-FEW = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 numbers = st.one_of(
     st.floats(), st.integers(), st.integers(-(10**400), 10**400), st.sampled_from([0, -1, 1e308, 5e-324, 1e-9, 9.3e9])

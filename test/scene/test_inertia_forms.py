@@ -185,7 +185,7 @@ keys = st.sampled_from(
 entries = st.dictionaries(keys, values, max_size=6)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     form=st.sampled_from(["particles", "shape", "mesh", "urdf"]),
     base=st.sampled_from(

@@ -33,6 +33,8 @@ from rb_dynamics.study.explain import NOT_MODELLED, explain, probed
 from rb_dynamics.study.stopwatch import Stopwatch
 
 ROOT = Path(__file__).parents[2]
+# The other scenes are much like these.
+OFTEN = ("boxes", "central_gravity", "particle", "rotor", "slew", "wheels")
 CLOCK = time.process_time
 RIGID = "body: {mass: 2, inertia: {diagonal: [1, 2, 2.5]}}\ninitial: {angular_velocity_body: [0.3, 1, 0.2]}\n"
 
@@ -49,7 +51,13 @@ def said(text: str) -> str:
     return explain(parse_scene(text)).as_text()
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem not in OFTEN))
+        for path in sorted((ROOT / "config").glob("*.yaml"))
+    ],
+)
 def test_every_shipped_scene_can_be_explained(path: Path) -> None:
     scene = read_scene(path)
     found = explain(scene, budget=0.3)

@@ -251,6 +251,7 @@ def test_a_sensor_that_wanders_is_no_torque(what: str, seed: int) -> None:
     assert left.explained or not left.told
 
 
+@pytest.mark.slow
 def test_torques_that_are_all_weaker_are_told_beside_another_inertia() -> None:
     track = track_of(recording(3))
     stronger = tuple(replace(each, torque=each.torque / 0.95) for each in track.acting)

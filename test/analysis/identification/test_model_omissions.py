@@ -36,6 +36,7 @@ def furthest(found: Identification, body: RigidBody) -> float:
     return max(abs(p.value - truth[p.name]) / (p.standard_error or np.nan) for p in found.parameters if p.name in truth)
 
 
+@pytest.mark.slow
 def test_a_constant_torque_that_hides_in_the_noise_is_found_and_named() -> None:
     body, flight = flight_of(3, unrecorded=TORQUE)
     value = TORQUE * max(body.principal_moments)

@@ -392,6 +392,7 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "url(http" not in written
 
 
+@pytest.mark.slow
 def test_the_page_says_what_part_of_the_runs_it_shows_over_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -122,7 +122,9 @@ def alone_in(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("solver", ["accuracy: 1.0e-7", "method: dop853, step: 0.05", "step: 0.05"])
+@pytest.mark.parametrize(
+    "solver", ["accuracy: 1.0e-7", pytest.param("method: dop853, step: 0.05", marks=pytest.mark.slow), "step: 0.05"]
+)
 def test_runs_side_by_side_are_runs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
     """With delays, lost samples, wandering biases, wheels at rest and at their limits; some begin too late."""
     apart = alone_in(monkeypatch)
@@ -163,7 +165,7 @@ def test_runs_without_a_controller_or_sensors(tmp_path: Path, monkeypatch: pytes
             False,
         ),
         # Read from the start or later, the runs are repeated with accelerometers.
-        ("found['x'] = 1e-3 * measured.sensors['imu'].specific_force[:, 0]", False),
+        pytest.param("found['x'] = 1e-3 * measured.sensors['imu'].specific_force[:, 0]", False, marks=pytest.mark.slow),
         ("found['y'] = 1e-3 * (measured.sensors['imu'].specific_force[:, 1] if calls > 9 else rate[:, 1])", False),
         ("found['force'] = 0.001 * rate", True),
     ],
@@ -208,7 +210,7 @@ def test_a_torque_that_a_wheel_rejects_alone_does_not_act_side_by_side(
     [
         ("dipole, moment_world: [1.0e+22, 0, -7.8e+22]", True),
         ("uniform, field_world: [2.0e-5, 0, 3.0e-5]", True),
-        ("uniform, field_world: [2.0e-5, 0, 3.0e-5]", False),
+        pytest.param("uniform, field_world: [2.0e-5, 0, 3.0e-5]", False, marks=pytest.mark.slow),
     ],
 )
 def test_magnetorquers_and_magnetometers_go_side_by_side(

@@ -252,6 +252,7 @@ def test_each_method_goes_from_coarse_to_fine(free_trade: Trade) -> None:
         assert settings == sorted(settings, reverse=True)
 
 
+@pytest.mark.slow
 def test_channels_without_commands_are_probed_and_a_long_scene_is_measured_in_part() -> None:
     seen: list[float] = []
     found = trade(
@@ -483,6 +484,7 @@ duration: 1
 """
 
 
+@pytest.mark.slow
 def test_the_two_methods_that_take_wheels_check_each_other() -> None:
     """It was said that only dop853 takes them."""
     found = trade(parse_scene(WHEEL), time_s=3.0, clock=CLOCK)
