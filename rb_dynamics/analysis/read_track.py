@@ -639,6 +639,9 @@ class _TrackReader:
     def _frames(self, world: str, body: str) -> WrenchFrames:
         if self.scene:
             return self.scene.frames
+        # Of a log of which a pose alone is chosen, as its scene has it.
+        if not body and RUN in self.bag.metadata and (scene := logged_scene(self.bag.attachments)) is not None:
+            return scene.frames
         # A bag need not name its frames: no wrench is in one that has no name.
         return WrenchFrames(world or "\0world", body or "\0body")
 

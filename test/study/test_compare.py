@@ -443,6 +443,14 @@ def test_two_topics_of_one_bag(log: Path, folder: Path, capsys: pytest.CaptureFi
         assert json.loads(capsys.readouterr().out)["position"]["max"] == pytest.approx(0.5, abs=1e-12)
 
 
+def test_poses_of_one_log_have_its_commands_in_the_frames_of_its_scene(folder: Path) -> None:
+    log, sensor = folder / "seen.mcap", "sensors: [{type: pose, name: tracker, rate: 20}]\n"
+    rb.simulate(rb.parse_scene(SCENE + sensor), COMMANDS, [McapSink(log)])
+    found = rb.compare(log, log, topics=(rb.TopicChoice(pose="/pose"), rb.TopicChoice(pose="/tracker")))
+    assert found.commands == []
+    assert not any("not declared" in note for note in found.notes)
+
+
 def test_axes_that_are_turned_are_named_and_nothing_is_corrected(log: Path, folder: Path) -> None:
     bag = foreign(folder / "turned.mcap", log, turned_body=True, shifted=(0.0, 0.25, 0.0))
     found = rb.compare(log, bag, align="stamp")
