@@ -45,7 +45,9 @@ RELIABLE = ("-p", "qos_overrides./wrench.subscription.reliability:=reliable")
     [
         ((), True, "until the node met it"),
         (RELIABLE, True, "/rigid_body: wrench: a publisher's QoS"),
-        ((*RELIABLE, "-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it"),
+        pytest.param(
+            (*RELIABLE, "-r", "/diagnostics:=/elsewhere"), False, "no diagnostics report it", marks=pytest.mark.slow
+        ),
         (("-p", "qos_overrides./wrench.subscription.reliability:=best_effort"), True, "is compatible"),
     ],
 )

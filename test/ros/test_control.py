@@ -240,9 +240,10 @@ def test_motion_capture_moves_the_body_within_one_run_that_replays(tmp_path: Pat
 @pytest.mark.parametrize(
     ("text", "bad"),
     [
-        (
+        pytest.param(
             "initial: {position_world: [7e6, 0, 0]}\neffects: [{type: central_gravity, gravitational_parameter: 4e14}]",
             ([0.0, 0.0, 0.0], [0.1, 0.0, 0.0]),
+            marks=pytest.mark.slow,
         ),
         (
             "effects: [{type: linear_drag, translation: 0.1, rotation: 0.001}]\nduration: 600\n",

@@ -230,6 +230,7 @@ def test_a_storm_of_commands_leaves_the_last_one_acting_and_each_accounted_for(
     assert len(bag.wrenches("/wrench")) == accepted
 
 
+@pytest.mark.slow
 def test_in_lockstep_a_command_that_was_replaced_before_it_came_stops_time(tmp_path: Path, peer: Peer) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nwrenches: [{topic: wrench}]\n")
@@ -333,7 +334,7 @@ def test_a_full_disk_stops_the_log_and_not_the_body(scene: Path, peer: Peer, tmp
     assert len(read_bag(log).poses("/pose")[0]) > 10
 
 
-@pytest.mark.parametrize("kind", ["mcap", "bag"])
+@pytest.mark.parametrize("kind", ["mcap", pytest.param("bag", marks=pytest.mark.slow)])
 def test_a_log_that_is_removed_is_missed(scene: Path, peer: Peer, tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "logs"
     log = folder / "run.mcap"

@@ -212,7 +212,7 @@ def test_pause_step_and_reset(scene: Path, peer: Peer, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("signals_of_a_terminal")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
 def test_a_signal_closes_the_logs_and_exits_with_0(scene: Path, peer: Peer, tmp_path: Path, number: int) -> None:
     pytest.importorskip("rerun")
     mcap, rrd = tmp_path / "deep" / "run.mcap", tmp_path / "run.rrd"

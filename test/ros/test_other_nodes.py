@@ -149,15 +149,16 @@ def test_each_topic_is_looked_at_once_a_second_and_each_other_node_named(peer: P
     ("name", "arguments", "expected"),
     [
         ("/wrnch.subscription.reliability", (), "did you mean qos_overrides./wrench.subscription.reliability"),
-        (
+        pytest.param(
             "/tug/thurst.subscription.depth",
             ("-r", "wrench:=/tug/thrust"),
             "did you mean qos_overrides./tug/thrust.subscription.depth?",
+            marks=pytest.mark.slow,
         ),
         ("/pose.publisher.deadline", (), "qos_overrides./pose.publisher.depth or"),
         ("/elsewhere", (), "there are those of /"),
         ("/wrench.subscription.reliability", ("-p", "lockstep:=true"), "in lockstep no command may be lost"),
-        ("/accel.publisher.depth", (), "there are those of /"),
+        pytest.param("/accel.publisher.depth", (), "there are those of /", marks=pytest.mark.slow),
     ],
 )
 def test_an_override_that_matches_no_topic_is_refused_before_there_is_a_log(
