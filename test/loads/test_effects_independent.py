@@ -162,11 +162,9 @@ def test_auto_moves_the_body_as_the_other_equations_say(name: str) -> None:
     [
         "dop853",
         "rkmk54",
-        "rkmk4",
-        "cf4",
         "rk4",
         "radau",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("midpoint6", "midpoint4")),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("rkmk4", "cf4", "midpoint6", "midpoint4")),
     ],
 )
 def test_so_does_every_family_with_all_effects_at_once(method: str) -> None:

@@ -49,6 +49,11 @@ KINDS: dict[str, Method] = {
     "own": replace(METHODS["rk4"], name="rk4_that_knows", longest_step=longest_step),
 }
 
+# The other kinds have kernels of their own to compile.
+each_kind = pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in ("low", "own"))) for kind in KINDS]
+)
+
 
 def control_of(
     method: Method, inertia: Inertia, accuracy: float, horizon: float, *, start: Vector = ZERO, ends: bool
@@ -100,9 +105,7 @@ def end(arc: Arc, end_ns: int, looks: tuple[float, ...] = ()) -> tuple[object, .
 
 
 @needs_numba
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in ("low", "own"))) for kind in KINDS]
-)
+@each_kind
 def test_strides_and_bits_are_those_of_plain_python(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     refused = 0
     # At order 2 a run has many strides.
@@ -118,7 +121,7 @@ def test_strides_and_bits_are_those_of_plain_python(monkeypatch: pytest.MonkeyPa
 
 
 @needs_numba
-@pytest.mark.parametrize("kind", KINDS)
+@each_kind
 def test_what_cannot_be_kept_is_refused_in_the_same_words(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     inertia, said = Inertia(1.0, (1.0, 2.0, 2.5)), set()
     for accuracy, spin in ((1e-17, 1.0), (1e-6, 1e10), (1e-6, 1e200)):
@@ -136,7 +139,7 @@ def test_what_cannot_be_kept_is_refused_in_the_same_words(monkeypatch: pytest.Mo
 
 
 @needs_numba
-@pytest.mark.parametrize("kind", KINDS)
+@each_kind
 def test_pieces_meet_without_a_seam(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
     whole = end(*case(KINDS[kind], 5))

@@ -19,7 +19,7 @@ from rb_dynamics.numerics.vector import Vector, scale
 
 BODIES = 150
 LANE_METHODS = [name for name in METHODS if name in batch_kernel._LANE_STEPS]
-LONG = {"dlm4", "dlm6"}
+LONG = {"dlm2", "dlm4", "dlm6"}
 needs_numba = pytest.mark.skipif(not compilation.available(), reason="nothing to compare with: numba is not installed")
 
 

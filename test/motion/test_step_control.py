@@ -473,7 +473,10 @@ class TestWhereRoundingHidesTheError:
 
         assert self.density(8e-11, length / NANOSECONDS) <= 1.0
 
-    @pytest.mark.parametrize(("method", "accuracy"), [("dmv104", 1e-8), ("dlm6", 1e-8), ("strang6", 1e-8)])
+    @pytest.mark.parametrize(
+        ("method", "accuracy"),
+        [("dmv104", 1e-8), ("dlm6", 1e-8), pytest.param("strang6", 1e-8, marks=pytest.mark.slow)],
+    )
     def test_a_small_torque_for_a_long_time(self, method: str, accuracy: float) -> None:
         """No step is shorter than necessary; steps of a few nanoseconds would be refused."""
         arc = self.small_torque(method, accuracy)

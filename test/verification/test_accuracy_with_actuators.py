@@ -91,7 +91,7 @@ def reference(wheels: tuple[Wheel, ...]) -> tuple[Any, Any, Any]:
     ("wheels", "solver"),
     [
         (STIFF, "{accuracy: 1.0e-9}"),
-        (STIFF, "{method: dverk, accuracy: 1.0e-9}"),
+        pytest.param(STIFF, "{method: dverk, accuracy: 1.0e-9}", marks=pytest.mark.slow),
         (FREE, "{accuracy: 1.0e-9}"),
         (FREE, "{step: 1.0}"),
         ((), "{accuracy: 1.0e-9}"),
