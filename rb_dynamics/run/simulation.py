@@ -818,7 +818,10 @@ class Simulation:
                     raise
                 # Time does not enter that stride: another load may act from its beginning on.
                 break
-            stop_if(enough, self.time_ns < before[0] < until_ns)
+            if enough is not None and self.time_ns < before[0] < until_ns and enough():
+                # The search has entered the stride that begins there: nothing can act before it goes on.
+                self._computed_ns = max(self._computed_ns, before[0] + 1)
+                raise OutOfTime
         return self._switch_ns if self._switch_ns is not None and self._switch_ns <= until_ns else None
 
     def _search_stride(self, wheels: WheelSet) -> None:

@@ -150,6 +150,34 @@ class TestBits:
         assert split.events == whole.events
         assert split.result == whole.result
 
+    @pytest.mark.parametrize("strides", [1, 6, 12])
+    def test_do_not_depend_on_whether_a_command_was_known_when_a_wheel_is_searched_for_a_switch(
+        self, strides: int
+    ) -> None:
+        """As of a node, whose commands come between two bursts of strides; `replay` knows them from the start."""
+        text = """
+        body: {mass: 10, inertia: {diagonal: [0.05, 0.12, 0.14]}}
+        initial: {angular_velocity_body: [0.3, 0.6, -0.3]}
+        wrenches: []
+        actuators:
+          - {type: reaction_wheel, name: wheel, axis: [0, 0, 1], inertia: 1.0e-4, max_torque: 5.0e-3,
+             friction: {coulomb: 1.0e-5, viscous: 1.0e-7}}
+        duration: 8
+        output_rate: 10
+        """
+        came, known = Simulation(parse_scene(text)), Simulation(parse_scene(text))
+        came.start()
+        for _ in range(strides):
+            came.advance(7 * SECOND, lambda: True)
+        now_ns = came.computed_ns
+        came.actuate("wheel/command", 1e-3)
+        known.start()
+        known.actuate("wheel/command", 1e-3, now_ns)
+        for run in (came, known):
+            run.advance(8 * SECOND)
+
+        assert came.phase == known.phase
+
     @each_solver
     def test_do_not_depend_on_when_a_command_arrives_before_its_time(self, solver: Solver) -> None:
         early = record(solver, 0.0)[0]
