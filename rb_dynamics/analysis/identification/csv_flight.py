@@ -232,6 +232,13 @@ def _places(
     asked = {q: tuple(given) for q, given in columns.items() if q not in _TIMES} or {
         q: own for q, own in quantities.items() if q not in _TIMES and set(own) <= set(names)
     }
+    for quantity in ("force", "torque"):
+        # A sensor may be left out, but not a part of what acts.
+        if not columns and quantity not in asked and (part := sorted(set(quantities[quantity]) & set(names))):
+            raise LogError(
+                f"{path}: found of {quantity} only {', '.join(part)}, expected {', '.join(quantities[quantity])}; add "
+                "the others, with 0 where nothing acts, or rename these"
+            )
     asked[times[0]] = tuple(columns.get(times[0], quantities[times[0]]))
     if "gyro" in asked and not columns:
         # Of a table with both, the gyro is what was measured.

@@ -76,6 +76,16 @@ def test_columns_of_wrenches_without_a_number_are_no_wrench(tmp_path: Path) -> N
     ).channels
 
 
+def test_a_wrench_that_lacks_a_column_is_refused(tmp_path: Path) -> None:
+    """It was passed over in silence, and the flight was fitted as if nothing of it had acted."""
+    header = "time_ns,gyro_x,gyro_y,gyro_z,torque_x,torque_y"
+    table = write(tmp_path / "part.csv", header, [f"{k},0,0,1,1,2" for k in range(5)])
+    with pytest.raises(LogError, match="torque only torque_x, torque_y, expected torque_x, torque_y, torque_z"):
+        read_csv_flight(table, guess(BODY))
+
+    assert not read_csv_flight(table, guess(BODY), columns={"gyro": ["gyro_x", "gyro_y", "gyro_z"]}).channels
+
+
 @pytest.mark.parametrize(("of", "words"), [("run", "gyro of a and of b"), ("topic", "gyro of a and of b")])
 def test_a_sensor_of_several_runs_or_topics_is_refused(tmp_path: Path, of: str, words: str) -> None:
     """Their rows were taken for samples of one sensor; sensors of different topics are measured in their own rows."""
