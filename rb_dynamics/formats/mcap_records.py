@@ -312,7 +312,7 @@ class McapFile:
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror or error}; check the path") from error
         except UnicodeDecodeError as error:
-            raise self._damage("has text that is not UTF-8") from error
+            raise LogError(self._said_of(error)) from error
 
     def _messages(self, file: BinaryIO, take: _Take[_Read]) -> Iterator[_Read]:
         begin = file.read(len(MAGIC))
@@ -439,7 +439,7 @@ class McapFile:
         except (LogError, UnicodeDecodeError) as error:
             if not self.salvage:
                 raise
-            self.damage.append(str(error))
+            self.damage.append(self._said_of(error))
             self.holes += not summary
 
     def _hold(self, data: bytes) -> None:
@@ -706,7 +706,7 @@ class McapFile:
             if not self.salvage or isinstance(error, (MissingExtraError, _TooManyRecordsError)):
                 raise
             self._broken = True
-            self.damage.append(str(error))
+            self.damage.append(self._said_of(error))
             self.holes += 1
             with contextlib.suppress(LogError):
                 begin_ns, end_ns = _Fields(content, self._damage).take("QQ")
@@ -900,6 +900,10 @@ class McapFile:
             raise MissingExtraError(error.name or compression, "log", f"reading {self.path}") from None
         except (RuntimeError, ValueError, EOFError) as error:
             raise self._damage(f"has a chunk that cannot be decompressed ({error})") from error
+
+    def _said_of(self, error: LogError | UnicodeDecodeError) -> str:
+        """Return a line about a damage, with the name of the file."""
+        return str(error if isinstance(error, LogError) else self._damage("has text that is not UTF-8"))
 
     def _damage(self, what: str) -> LogError:
         advice = "" if self.salvage else "; save what can be read with `rb-dynamics recover` or record it again"

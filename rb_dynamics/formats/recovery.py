@@ -6,8 +6,8 @@ Copies what can be read, byte for byte, and reports what could not. The damaged 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rb_dynamics.errors import LogError
@@ -79,6 +79,11 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     if not any(map(_says_something, files)):
         raise _nothing(source)
     saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
+    # Which of its types a file has lost is known once it is read, and the other files may follow it.
+    types = {each.topic: each.schema for one in saved for each in one.channels if _is_whole(each.schema)}
+    for number, file in enumerate(files):
+        if any(each.topic in types and not _is_whole(each.schema) for each in saved[number].channels):
+            saved[number] = _recover_file(McapFile(file, salvage=True, part=True), target / file.name, types)
     named = _named_but_absent(source)
     for number, (file, each) in enumerate(zip(files, saved, strict=True)):
         each.absent_before = named.get(file, [])
@@ -110,8 +115,19 @@ def _nothing(source: Path) -> LogError:
     )
 
 
-def _recover_file(old: McapFile, target: Path) -> Recovered:
-    messages = old.messages()
+def _is_whole(schema: Schema) -> bool:
+    """Return whether a type has its name and a definition that can be read."""
+    try:
+        str(schema.data, "utf-8")
+    except UnicodeDecodeError:
+        return False
+    return bool(schema.name)
+
+
+def _recover_file(old: McapFile, target: Path, types: Mapping[str, Schema] | None = None) -> Recovered:
+    """Copy one file; `types`: those of the other files of its bag by topic, for one that it has lost."""
+    completed = _Types(types or {})
+    messages = completed.typed(old.messages())
     # A file that is not MCAP at all is noticed before the new one is begun.
     first = list(itertools.islice(messages, 1))
     facts = BagFile(target.name, 2**63)
@@ -125,6 +141,7 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
             facts.start_ns = min(facts.start_ns, message.log_time)
             facts.end_ns = max(facts.end_ns, message.log_time)
         order.place(old)
+        old.damage += [f"{old.path} lost the type of {topic}, which other files have" for topic in completed.topics]
         facts.start_ns = min(facts.start_ns, facts.end_ns)
         if not old.complete or old.damage:
             found = [CUT_OFF] * (not old.complete) + [DAMAGED] * bool(old.damage)
@@ -138,11 +155,35 @@ def _recover_file(old: McapFile, target: Path) -> Recovered:
             old.metadata[INTERRUPTED] = joined_losses(old.metadata.get(INTERRUPTED, {}), told)
         # What a damaged summary alone says of channels is copied only where it gives messages their topic.
         declared = old.channels.items()
-        channels = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
+        kept = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
+        channels = [completed.channel(each) for each in kept]
         copy.finish(channels, old.attachments, old.metadata)
     state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
     lost = old.damage, old.missing, old.unplaced
     return Recovered(facts, state, channels, *lost, old.unchecked, next_file(old.metadata))
+
+
+class _Types:
+    """Gives channels whose type is lost that of other files of the bag."""
+
+    def __init__(self, known: Mapping[str, Schema]) -> None:
+        self._known = known
+        # One channel for each in the file, as many messages share it.
+        self._channels: dict[int, tuple[McapChannel, McapChannel]] = {}
+        self.topics: dict[str, None] = {}
+
+    def typed(self, messages: Iterable[Message]) -> Iterator[Message]:
+        """Yield messages, of channels with a type."""
+        if not self._known:
+            return iter(messages)
+        return (each._replace(channel=self.channel(each.channel)) for each in messages)
+
+    def channel(self, old: McapChannel) -> McapChannel:
+        """Return a channel, with a type."""
+        if old.topic not in self._known or _is_whole(old.schema):
+            return old
+        self.topics[old.topic] = None
+        return self._channels.setdefault(id(old), (old, replace(old, schema=self._known[old.topic])))[1]
 
 
 class _Order:

@@ -574,3 +574,31 @@ def test_what_was_lost_lies_within_the_times_that_are_told(
             continue
         # Without checksums a message may have changed, which is no loss.
         assert saved.unplaced or len(outside) <= (len(alien) if saved.unchecked else 0), (saved, outside)
+
+
+@pytest.mark.parametrize("lost", ["geometry_msgs", "definition"])
+def test_a_type_that_one_file_lost_is_that_of_the_others(tmp_path: Path, lost: str) -> None:
+    """Without it the whole bag could not be read: a topic would have two types."""
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for number, name in enumerate("abc"):
+        with (folder / f"{name}.mcap").open("wb") as file:
+            writer = Writer(file, chunk_size=2000, compression=CompressionType.NONE)
+            writer.start("ros2", "test")
+            channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b"definition"))
+            for k in range(1000 * number, 1000 * number + 100):
+                writer.add_message(channel, k, stamped(k, 0.1 * k), k)
+            writer.finish()
+    damaged = folder / "b.mcap"
+    data = bytearray(damaged.read_bytes())
+    # The chunk with the channels, and the summary, which repeats them.
+    for at in (data.index(lost.encode()), data.rindex(lost.encode())):
+        data[at] = 0xFF
+    damaged.write_bytes(data)
+    before, found, after = recover(folder, tmp_path / "saved")
+    assert f"{damaged} lost the type of /w, which other files have" in found.damage
+    assert f"{damaged} is damaged: it has text that is not UTF-8" in found.damage or lost == "definition"
+    assert (before.state, found.state, after.state) == ("whole", "damaged", "whole")
+    assert found.channels == before.channels
+    stamps = [stamp for stamp, _ in read_bag(tmp_path / "saved").wrenches("/w")]
+    assert len(stamps) == 200 + found.file.counts["/w"] > 200
