@@ -844,6 +844,21 @@ def test_a_file_of_a_split_bag_is_not_all_of_the_run(tmp_path: Path) -> None:
             replay(tmp_path / "bag" / f"bag_{number}.mcap")
 
 
+def test_a_bag_without_its_last_file_is_compared_up_to_there(tmp_path: Path) -> None:
+    simulate(SCENE, COMMANDS, [BagSink(bag := tmp_path / "bag", max_duration_s=0.7)])
+    whole = replay(bag)
+    files = sorted(bag.glob("*.mcap"))
+    for last in reversed(files[1:]):
+        last.unlink()
+        found = replay(bag)
+        assert found.identical
+        assert not found.complete
+        assert 0 < found.samples < whole.samples
+    files[0].rename(bag / "bag_9.mcap")
+    (bag / "metadata.yaml").unlink()
+    assert replay(bag).identical
+
+
 def test_a_bag_of_others_is_refused_with_the_remedy(example_dir: Path) -> None:
     with pytest.raises(LogError, match=r"cannot be run again; .*simulate SCENE --wrench BAG"):
         replay(example_dir / "slew.mcap")
