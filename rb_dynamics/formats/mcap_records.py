@@ -318,11 +318,17 @@ class McapFile:
         begin = file.read(len(MAGIC))
         if self.part and begin != MAGIC and MAGIC.startswith(begin):
             return
+        size = os.fstat(file.fileno()).st_size
         if begin != MAGIC:
             file.seek(0)
             found, instead = self._instead(file.read(len(_SQLITE)), file)
-            raise LogError(f"{self.path} {found}; {instead}")
-        size = os.fstat(file.fileno()).st_size
+            file.seek(len(MAGIC))
+            damaged = self.path.suffix == ".mcap" and _looks_like_one(file, size)
+            # Of a bag, other files are not lost with one that is of another kind.
+            if not (self.salvage and (self.part or damaged)):
+                raise self._damage(found) if damaged else LogError(f"{self.path} {found}; {instead}")
+            self.damage.append(str(self._damage(found)))
+            self.unplaced = True
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
         self._declared.clear()
@@ -966,6 +972,16 @@ def _is_chunk(file: BinaryIO, at: int, size: int) -> bool:
     opcode, length = _RECORD.unpack(file.read(_RECORD.size))
     inside = _chunk_length(file.read(_CHUNK_HEAD_BYTES))
     return bool(opcode == Opcode.CHUNK and inside == length <= size - (at + _RECORD.size))
+
+
+def _looks_like_one(file: BinaryIO, size: int) -> bool:
+    """Return whether a file that does not begin like one holds a chunk, or records from here to its end."""
+    start = file.tell()
+    found = _first(_is_chunk, file, start, size, size) is not None or (
+        size > start + len(MAGIC) and _has_end(file, start, size) and _in_a_row(file, start, size)
+    )
+    file.seek(start)
+    return found
 
 
 def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:

@@ -602,3 +602,41 @@ def test_a_type_that_one_file_lost_is_that_of_the_others(tmp_path: Path, lost: s
     assert found.channels == before.channels
     stamps = [stamp for stamp, _ in read_bag(tmp_path / "saved").wrenches("/w")]
     assert len(stamps) == 200 + found.file.counts["/w"] > 200
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("folder", [True, False])
+def test_a_flip_in_the_first_bytes_costs_no_message(
+    tmp_path: Path, chunked: bool, folder: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for number in range(3):
+        with (bag / f"bag_{number}.mcap").open("wb") as file:
+            writer = Writer(file, use_chunking=chunked)
+            writer.start("ros2", "test")
+            channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b""))
+            for k in range(100 * number, 100 * number + 100):
+                writer.add_message(channel, k, stamped(k, 0.1 * k), k)
+            writer.finish()
+    damaged = bag / "bag_1.mcap"
+    data = bytearray(damaged.read_bytes())
+    data[3] ^= 1
+    damaged.write_bytes(data)
+    saved = recover(bag if folder else damaged, tmp_path / ("saved" if folder else "saved.mcap"))
+    assert [sum(each.file.counts.values()) for each in saved] == [100] * (3 if folder else 1)
+    said = f"{damaged} is damaged: it does not begin like an MCAP file"
+    assert saved[len(saved) // 2].damage == [said]
+    assert main(["inspect", str(damaged)]) == 2
+    assert f"{said}; save what can be read with `rb-dynamics recover`" in capsys.readouterr().err
+
+
+def test_a_file_of_another_kind_costs_no_other_of_its_bag(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    write_rows(bag / "bag_0.mcap", [("/w", STAMPED, 0, stamped(0, 1.0))])
+    (bag / "bag_1.mcap").write_bytes(b"no log at all " * 100)
+    whole, other = recover(bag, tmp_path / "saved")
+    assert (whole.state, sum(whole.file.counts.values())) == ("whole", 1)
+    assert (other.state, sum(other.file.counts.values())) == ("cut off and damaged", 0)
+    assert "does not begin like an MCAP file" in other.damage[0]
