@@ -329,6 +329,11 @@ class McapFile:
                 raise self._damage(found) if damaged else LogError(f"{self.path} {found}; {instead}")
             self.damage.append(str(self._damage(found)))
             self.unplaced = True
+            # If bytes were lost or added, no record begins where it should.
+            if not _in_a_row(file, len(MAGIC), size):
+                file.seek(_first(_is_chunk, file, len(MAGIC), size, size) or len(MAGIC))
+            else:
+                file.seek(len(MAGIC))
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
         self._declared.clear()

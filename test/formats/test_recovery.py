@@ -604,10 +604,10 @@ def test_a_type_that_one_file_lost_is_that_of_the_others(tmp_path: Path, lost: s
     assert len(stamps) == 200 + found.file.counts["/w"] > 200
 
 
-@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize(("chunked", "added", "lost"), [(True, 0, 0), (False, 0, 0), (True, 5, 0), (True, 0, 5)])
 @pytest.mark.parametrize("folder", [True, False])
-def test_a_flip_in_the_first_bytes_costs_no_message(
-    tmp_path: Path, chunked: bool, folder: bool, capsys: pytest.CaptureFixture[str]
+def test_damage_in_the_first_bytes_costs_no_message(
+    tmp_path: Path, chunked: bool, added: int, lost: int, folder: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()
@@ -622,6 +622,9 @@ def test_a_flip_in_the_first_bytes_costs_no_message(
     damaged = bag / "bag_1.mcap"
     data = bytearray(damaged.read_bytes())
     data[3] ^= 1
+    # The records behind then no longer stand where they should.
+    del data[4 : 4 + lost]
+    data[4:4] = bytes(range(100, 100 + added))
     damaged.write_bytes(data)
     saved = recover(bag if folder else damaged, tmp_path / ("saved" if folder else "saved.mcap"))
     assert [sum(each.file.counts.values()) for each in saved] == [100] * (3 if folder else 1)
