@@ -41,7 +41,7 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.loads.actuator import COMMAND, Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
@@ -786,12 +786,15 @@ class _TrackReader:
         found, doubt = list[str](), ""
         if self.scene is not None:
             known = {each.topic for each in wrenches}
+            done = {each.topic.removesuffix(APPLIED) + COMMAND for each in wrenches if each.topic.endswith(APPLIED)}
+
+            def is_told(each: Actuator) -> bool:
+                # A log says what a thruster with ramps did at outputs alone.
+                is_steady = isinstance(each, Thruster) and not each.rise + each.fall
+                return not (known | done if is_steady else known).isdisjoint(self.bag.actuated_of(each))
+
             told_wheels = self.scene.wheels if self.wheels else ()
-            unknown = [
-                each.kind
-                for each in self.scene.actuators
-                if each not in told_wheels and known.isdisjoint(self.bag.actuated_of(each))
-            ]
+            unknown = [each.kind for each in self.scene.actuators if each not in told_wheels and not is_told(each)]
             kinds = {each.kind for each in self.scene.actuators}
             varying = [kind for kind in self.scene.combined_effects.varying if kind not in kinds]
             found = [*dict.fromkeys([*varying, *unknown])]
