@@ -314,26 +314,33 @@ class McapFile:
         except UnicodeDecodeError as error:
             raise LogError(self._said_of(error)) from error
 
+    def _pass_damaged_begin(self, file: BinaryIO, size: int) -> None:
+        """Go to the first record of a file whose first bytes are damaged, to save what follows.
+
+        Raises:
+            LogError: nothing is to be saved, or it is no MCAP file.
+        """
+        file.seek(0)
+        found, instead = self._instead(file.read(len(_SQLITE)), file)
+        at = len(MAGIC)
+        damaged = self.path.suffix == ".mcap" and _looks_like_one(file, at, size)
+        # Of a bag, other files are not lost with one that is of another kind.
+        if not (self.salvage and (self.part or damaged)):
+            raise self._damage(found) if damaged else LogError(f"{self.path} {found}; {instead}")
+        self.damage.append(str(self._damage(found)))
+        self.unplaced = True
+        if not _in_a_row(file, at, size):
+            # Bytes were lost or added, and no record begins where it should.
+            at = _first(_is_chunk, file, at, size, size) or at
+        file.seek(at)
+
     def _messages(self, file: BinaryIO, take: _Take[_Read]) -> Iterator[_Read]:
         begin = file.read(len(MAGIC))
         if self.part and begin != MAGIC and MAGIC.startswith(begin):
             return
         size = os.fstat(file.fileno()).st_size
         if begin != MAGIC:
-            file.seek(0)
-            found, instead = self._instead(file.read(len(_SQLITE)), file)
-            file.seek(len(MAGIC))
-            damaged = self.path.suffix == ".mcap" and _looks_like_one(file, size)
-            # Of a bag, other files are not lost with one that is of another kind.
-            if not (self.salvage and (self.part or damaged)):
-                raise self._damage(found) if damaged else LogError(f"{self.path} {found}; {instead}")
-            self.damage.append(str(self._damage(found)))
-            self.unplaced = True
-            # If bytes were lost or added, no record begins where it should.
-            if not _in_a_row(file, len(MAGIC), size):
-                file.seek(_first(_is_chunk, file, len(MAGIC), size, size) or len(MAGIC))
-            else:
-                file.seek(len(MAGIC))
+            self._pass_damaged_begin(file, size)
         self._records_left = _FREE_RECORDS + _RECORDS_PER_BYTE * size
         self._counts.clear()
         self._declared.clear()
@@ -979,14 +986,11 @@ def _is_chunk(file: BinaryIO, at: int, size: int) -> bool:
     return bool(opcode == Opcode.CHUNK and inside == length <= size - (at + _RECORD.size))
 
 
-def _looks_like_one(file: BinaryIO, size: int) -> bool:
-    """Return whether a file that does not begin like one holds a chunk, or records from here to its end."""
-    start = file.tell()
-    found = _first(_is_chunk, file, start, size, size) is not None or (
-        size > start + len(MAGIC) and _has_end(file, start, size) and _in_a_row(file, start, size)
+def _looks_like_one(file: BinaryIO, at: int, size: int) -> bool:
+    """Return whether a file holds a chunk, or records from here to its end."""
+    return _first(_is_chunk, file, at, size, size) is not None or (
+        size > at + len(MAGIC) and _has_end(file, at, size) and _in_a_row(file, at, size)
     )
-    file.seek(start)
-    return found
 
 
 def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:

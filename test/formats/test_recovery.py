@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bag_rows import STAMPED, Row, stamped, write_rows
@@ -576,19 +577,24 @@ def test_what_was_lost_lies_within_the_times_that_are_told(
         assert saved.unplaced or len(outside) <= (len(alien) if saved.unchecked else 0), (saved, outside)
 
 
+def write_hundred(path: Path, first: int, **options: Any) -> None:
+    """Write a file with a hundred wrenches, the first of which has the stamp `first` (ns)."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start("ros2", "test")
+        channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b"definition"))
+        for k in range(first, first + 100):
+            writer.add_message(channel, k, stamped(k, 0.1 * k), k)
+        writer.finish()
+
+
 @pytest.mark.parametrize("lost", ["geometry_msgs", "definition"])
 def test_a_type_that_one_file_lost_is_that_of_the_others(tmp_path: Path, lost: str) -> None:
     """Without it the whole bag could not be read: a topic would have two types."""
     folder = tmp_path / "split"
     folder.mkdir()
     for number, name in enumerate("abc"):
-        with (folder / f"{name}.mcap").open("wb") as file:
-            writer = Writer(file, chunk_size=2000, compression=CompressionType.NONE)
-            writer.start("ros2", "test")
-            channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b"definition"))
-            for k in range(1000 * number, 1000 * number + 100):
-                writer.add_message(channel, k, stamped(k, 0.1 * k), k)
-            writer.finish()
+        write_hundred(folder / f"{name}.mcap", 100 * number, chunk_size=2000, compression=CompressionType.NONE)
     damaged = folder / "b.mcap"
     data = bytearray(damaged.read_bytes())
     # The chunk with the channels, and the summary, which repeats them.
@@ -612,13 +618,7 @@ def test_damage_in_the_first_bytes_costs_no_message(
     bag = tmp_path / "bag"
     bag.mkdir()
     for number in range(3):
-        with (bag / f"bag_{number}.mcap").open("wb") as file:
-            writer = Writer(file, use_chunking=chunked)
-            writer.start("ros2", "test")
-            channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b""))
-            for k in range(100 * number, 100 * number + 100):
-                writer.add_message(channel, k, stamped(k, 0.1 * k), k)
-            writer.finish()
+        write_hundred(bag / f"bag_{number}.mcap", 100 * number, use_chunking=chunked)
     damaged = bag / "bag_1.mcap"
     data = bytearray(damaged.read_bytes())
     data[3] ^= 1
