@@ -41,7 +41,7 @@ from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.actuator import COMMAND, Actuator
+from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
@@ -648,6 +648,8 @@ class _TrackReader:
     def _wrenches(self, frames: WrenchFrames, own: bool) -> tuple[tuple[RecordedWrench, ...], bool]:
         """Return what acted: the applied topics, else every command held until the next of its topic."""
         topics = [t.name for t in self.bag.topics.values() if t.type_name in WRENCHES]
+        if self.thrusters and not own:
+            topics = [topic for topic in topics if topic not in self._by_ramps()]
         chosen_for = {}
         if asked := [each.partition("=") for each in self.choice.wrenches]:
             topics = [self._given(name, (*WRENCHES,), "--wrench-topic") for name, *_ in asked]
@@ -688,6 +690,16 @@ class _TrackReader:
                     + ("declare these there." if self.scene else "give it with --scene SCENE.")
                 )
         return steps, own or bool(steps)
+
+    def _by_ramps(self) -> set[str]:
+        """Return the topics of what thrusters with ramps did, where their commands are recorded.
+
+        A log of this package has it at outputs alone; a command says all of it.
+        """
+        thrusters = () if self.scene is None else self.scene.actuators
+        ramps = (each for each in thrusters if isinstance(each, Thruster) and (each.rise or each.fall))
+        commands = (name for each in ramps for name in self.bag.actuated_of(each) if self.bag.topics[name].count)
+        return {name.removesuffix(COMMAND) + APPLIED for name in commands}
 
     def _thrusters(self, frames: WrenchFrames, told: set[str]) -> Iterator[RecordedWrench]:
         """Yield what the thrusters of the scene did by their commands, but for those of which `told` says it."""
@@ -786,15 +798,13 @@ class _TrackReader:
         found, doubt = list[str](), ""
         if self.scene is not None:
             known = {each.topic for each in wrenches}
-            done = {each.topic.removesuffix(APPLIED) + COMMAND for each in wrenches if each.topic.endswith(APPLIED)}
-
-            def is_told(each: Actuator) -> bool:
-                # A log says what a thruster with ramps did at outputs alone.
-                is_steady = isinstance(each, Thruster) and not each.rise + each.fall
-                return not (known | done if is_steady else known).isdisjoint(self.bag.actuated_of(each))
-
+            known |= {each.removesuffix(APPLIED) + COMMAND for each in known if each.endswith(APPLIED)}
             told_wheels = self.scene.wheels if self.wheels else ()
-            unknown = [each.kind for each in self.scene.actuators if each not in told_wheels and not is_told(each)]
+            unknown = [
+                each.kind
+                for each in self.scene.actuators
+                if each not in told_wheels and known.isdisjoint(self.bag.actuated_of(each))
+            ]
             kinds = {each.kind for each in self.scene.actuators}
             varying = [kind for kind in self.scene.combined_effects.varying if kind not in kinds]
             found = [*dict.fromkeys([*varying, *unknown])]

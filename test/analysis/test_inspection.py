@@ -72,15 +72,16 @@ def test_sensors_of_our_own_log_are_judged_without_its_true_motion(tmp_path: Pat
     assert [each.name for each in other.summary.checks if not each.passed] == ["inertia explains the motion"]
 
 
-@pytest.mark.parametrize(("ramp", "judged"), [("", True), (", rise: 0.05", False)])
-def test_beside_sensors_of_our_own_log_what_its_thrusters_did_is_known_but_for_ramps(
-    tmp_path: Path, ramp: str, judged: bool
-) -> None:
-    scene = SENSED + f"actuators: [{{type: thruster, name: jet, frame: box, force: 0.1{ramp}}}]\n"
-    fired = [("jet/command", rb.Setpoint(0.2, 2_000_000_000))]
+@pytest.mark.parametrize("ramp", ["", ", rise: 0.2, fall: 0.3"])
+def test_beside_sensors_of_our_own_log_it_is_known_what_its_thrusters_did(tmp_path: Path, ramp: str) -> None:
+    """A log has the force of a ramp at outputs alone; it follows from the commands."""
+    scene = SENSED + f"actuators: [{{type: thruster, name: jet, frame: box, force: 2{ramp}}}]\noutput_rate: 2\n"
+    fired = [("jet/command", rb.Setpoint(1.0, 2_100_000_000))]
     rb.simulate(rb.parse_scene(scene), fired, sinks=[McapSink(tmp_path / "a.mcap")])
     found = rb.inspect(tmp_path / "a.mcap", topics=TopicChoice(pose="/cam", twist="imu")).summary
-    assert [(each.judged, each.passed) for each in found.checks if "inertia explains" in each.name] == [(judged, True)]
+    assert [(each.judged, each.passed) for each in found.checks if "inertia explains" in each.name] == [(True, True)]
+    assert found.residual is not None
+    assert found.residual.mass == pytest.approx(3.0, rel=1e-3)
 
 
 def test_a_foreign_bag_with_the_scene_as_a_value_or_a_file(example_dir: Path, scene_dir: Path) -> None:

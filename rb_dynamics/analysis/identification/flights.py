@@ -24,7 +24,6 @@ from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs import unset_stamps
@@ -460,7 +459,6 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     logged = RUN in bag.metadata
     bag, choice = as_measured(bag, topics or TopicChoice())
     own = RUN in bag.metadata
-    bag = bag if own else _without_ramps(bag, scene)
     mine = replace(choice, wrenches=() if commands else choice.wrenches)
     turning = wheel_speeds(bag, scene.wheels, choice.pose or choice.twist or "") if scene.wheels else None
     track = read_track(bag, None if own else scene, None if own else mine, wheels=turning)
@@ -510,17 +508,6 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
     if wheels:
         found = replace(found, wheels=wheels.reaching(*found.span_ns, path))
     return found if own else found.between_commands()
-
-
-def _without_ramps(bag: Bag, scene: Scene) -> Bag:
-    """Return the same without what thrusters with ramps did, where their commands are recorded.
-
-    A log of this package, or a part of it, has it at outputs alone; a command says all of it.
-    """
-    ramps = (each for each in scene.actuators if isinstance(each, Thruster) and (each.rise or each.fall))
-    commands = (name for each in ramps for name in bag.actuated_of(each) if bag.topics[name].count)
-    left_out = {name.removesuffix(COMMAND) + APPLIED for name in commands}
-    return replace(bag, topics={name: topic for name, topic in bag.topics.items() if name not in left_out})
 
 
 def _of_actuators(bag: Bag, scene: Scene) -> list[str]:
