@@ -79,6 +79,9 @@ _CHUNK_HEAD_BYTES = _CHUNK_HEAD.size + 4 + 8
 # Where the summary begins, and the part of it that says where everything is; a checksum.
 _FOOTER = struct.Struct("<QQI")
 _DATA_END_HEAD = _RECORD.pack(Opcode.DATA_END, 4)
+# Of an attachment: its two times, the lengths of its name, type and data, its checksum.
+_ATTACHMENT_TIMES_BYTES = 16
+_TEXT_LENGTH, _DATA_LENGTH, _CHECKSUM = struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<I")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MESSAGE = int(Opcode.MESSAGE)
 _RECORDS = np.dtype([("opcode", "u1"), ("length", "<u8")])
@@ -625,6 +628,10 @@ class McapFile:
                 if opcode == Opcode.FOOTER:
                     return
             end = start + length
+            said_length: int = _RECORD.unpack(head)[1]
+            if opcode == Opcode.CHUNK and said_length < length and _in_a_row(file, start + said_length, size):
+                # A decoder stops at the end of what is compressed: the chunk is whole by a length that is too large.
+                end = start + said_length
             if self._broken:
                 sound, self._broken = start, False
                 end, whole = self._behind_broken(file, start, end, size)
@@ -635,9 +642,20 @@ class McapFile:
             start = file.seek(end)
 
     def _said(self, file: BinaryIO, start: int, size: int, head: bytes) -> tuple[int, int]:
-        """Return opcode and length of a record, to salvage those of a whole chunk, whatever its head says."""
+        """Return opcode and length of a record, to salvage those of a whole chunk, whatever its head says.
+
+        So of a whole attachment the length: one that is too large hides what stands behind it.
+        """
         opcode, length = _RECORD.unpack(head)
-        if not self.salvage or (inside := self._disguised_chunk(file, start, size, opcode, length)) is None:
+        if not self.salvage:
+            return opcode, length
+        if opcode == Opcode.ATTACHMENT:
+            own = self._attachment_length(file, start, size)
+            if own is not None and own != length:
+                what = f"has a whole attachment at {start - _RECORD.size} in a record of another length; it was read"
+                self.damage.append(str(self._damage(what)))
+                return opcode, own
+        if (inside := self._disguised_chunk(file, start, size, opcode, length)) is None:
             return opcode, length
         what = f"has a whole chunk at {start - _RECORD.size} in a record of another kind or length; it was read"
         self.damage.append(str(self._damage(what)))
@@ -709,6 +727,28 @@ class McapFile:
             return None
         proven = checksum or opcode == Opcode.CHUNK or start - _RECORD.size in self._chunks
         return found if proven and not empty else None
+
+    def _attachment_length(self, file: BinaryIO, start: int, size: int) -> int | None:
+        """Return the length of the attachment from `start` on by its fields, if it is whole by them.
+
+        Does not move the position in the file.
+        """
+        try:
+            at = start + _ATTACHMENT_TIMES_BYTES
+            for length_format in (_TEXT_LENGTH, _TEXT_LENGTH, _DATA_LENGTH):
+                file.seek(at)
+                at += length_format.size + length_format.unpack(file.read(length_format.size))[0]
+            if at + _CHECKSUM.size > size or at - start > MAX_RECORD_BYTES:
+                return None
+            file.seek(at)
+            (said,) = _CHECKSUM.unpack(file.read(_CHECKSUM.size))
+            end = at + _CHECKSUM.size
+            whole = _checksum(file, start, at) == said if said else _in_a_row(file, end, size)
+            return end - start if whole else None
+        except (struct.error, OverflowError):
+            return None
+        finally:
+            file.seek(start)
 
     def _chunk(self, content: bytes, unpacked: bytes | None, take: _Take[_Read]) -> Iterator[_Read]:
         try:

@@ -322,6 +322,50 @@ def test_a_flip_in_the_head_of_a_chunk_costs_no_message_and_is_not_said_to_be_a_
     assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
 
 
+@pytest.mark.parametrize("more", [1, 16, 256])
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_length_of_what_is_compressed_that_is_too_large_costs_no_message(
+    tmp_path: Path, compression: CompressionType, more: int
+) -> None:
+    """A decoder stops at the end of its data: too long, the chunk is whole, and would hide the begin of the next."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(500)]
+    log = write_rows(tmp_path / "a.mcap", rows, chunk_size=5000, compression=compression, index_types=IndexType.NONE)
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    # Behind the head of the record, times, size, checksum, and the name of the compression.
+    at = _places(data, Opcode.CHUNK)[1] + 9 + 28 + 4 + len(compression.name)
+    struct.pack_into("<Q", data, at, struct.unpack_from("<Q", data, at)[0] + more)
+    log.write_bytes(data)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
+
+
+@pytest.mark.parametrize("flip", [(0, 128), (1, 1), (2, 1), (7, 128)])
+@pytest.mark.parametrize("checksums", [True, False])
+def test_a_flip_in_the_length_of_an_attachment_costs_no_chunk_behind_it(
+    tmp_path: Path, checksums: bool, flip: tuple[int, int]
+) -> None:
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file, chunk_size=1000, index_types=IndexType.NONE, enable_crcs=checksums)
+        writer.start("ros2", "test")
+        channel = writer.register_channel("/w", "cdr", writer.register_schema(STAMPED, "ros2msg", b""))
+        for k in range(300):
+            writer.add_message(channel, k, stamped(k, 0.1 * k), k)
+            if k == 50:
+                writer.add_attachment(1, 1, "notes.txt", "text/plain", bytes(range(80)))
+        writer.finish()
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    place, mask = flip
+    data[_places(data, Opcode.ATTACHMENT)[0] + 1 + place] ^= mask
+    log.write_bytes(data)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    again = read_bag(tmp_path / "saved.mcap")
+    assert again.wrenches("/w") == expected
+    assert again.attachments == {"notes.txt": bytes(range(80))}
+
+
 @pytest.mark.parametrize(("place", "mask"), [(0, 1), (1, 1), (2, 1), (4, 2), (8, 64), (9, 64)])
 def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, place: int, mask: int) -> None:
     """Opcode, length (small, large, beyond the file) and channel of a message of a file without chunks."""
