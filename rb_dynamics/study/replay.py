@@ -308,10 +308,7 @@ class _Facts:
                 # The last files of the bag are missing: the others are compared, as of a log that was cut off.
                 complete = False
             elif begin_ns > 0 or "end_time_ns" not in result:
-                raise LogError(
-                    f"{source.path}: found one file of a bag, expected a run from its start to its end; give the "
-                    f"folder of the bag{f', with {absent} in it' if absent else ''}"
-                )
+                raise _no_whole_run(source.path, int(begin_ns), absent)
             else:
                 # The wrench may change after the last sample.
                 end_ns = _end(source, result["end_time_ns"])
@@ -377,6 +374,16 @@ class _Records:
         line = f"{name}: {what}"
         if line not in self.torn:
             self.torn.append(line)
+
+
+def _no_whole_run(path: Path, begin_ns: int, absent: str) -> LogError:
+    """Return the error of a log that is a part of a run; `absent`: the file in which it says that it continues."""
+    whole = "expected a run from its start to its end"
+    if begin_ns and path.is_dir():
+        begin = f"{path} begins at {begin_ns * 1e-9:.10g} s"
+        return LogError(f"{begin}, {whole}; add its first files, or inspect those that are there")
+    folder = f"give the folder of the bag{f', with {absent} in it' if absent else ''}"
+    return LogError(f"{path}: found one file of a bag, {whole}; {folder}")
 
 
 def _end(source: Source, told: str) -> int:

@@ -844,6 +844,15 @@ def test_a_file_of_a_split_bag_is_not_all_of_the_run(tmp_path: Path) -> None:
             replay(tmp_path / "bag" / f"bag_{number}.mcap")
 
 
+def test_a_bag_without_its_first_file_is_not_called_one_file_of_a_bag(tmp_path: Path) -> None:
+    """With no metadata.yaml, nothing names the first file: the folder is what is there to be given."""
+    simulate(SCENE, COMMANDS, [BagSink(bag := tmp_path / "bag", max_duration_s=0.7)])
+    (bag / "bag_0.mcap").unlink()
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(LogError, match=r"bag begins at 0\.7 s, expected a run .*; add its first files, or inspect"):
+        replay(bag)
+
+
 def test_a_bag_without_its_last_file_is_compared_up_to_there(tmp_path: Path) -> None:
     simulate(SCENE, COMMANDS, [BagSink(bag := tmp_path / "bag", max_duration_s=0.7)])
     whole = replay(bag)
