@@ -363,7 +363,7 @@ class McapFile:
         data_ended = False
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
-                if opcode == Opcode.MESSAGE:
+                if opcode == Opcode.MESSAGE and not (data_ended and self._misnamed()):
                     self.unchecked = self._outside = True
                     self._loose += _RECORD.pack(opcode, len(content)) + content
                     if len(self._loose) < _TOGETHER_BYTES:
@@ -391,6 +391,13 @@ class McapFile:
                         yield from self._held_messages(take)
                     self._note_loose(opcode, content, summary=data_ended)
         yield from self._held_messages(take)
+
+    def _misnamed(self) -> bool:
+        """Return whether to salvage a message behind the end of the data is none, as in a file of chunks."""
+        if not self.salvage or self._outside:
+            return False
+        self._note_damage("has a message behind the end of its data; it is left out")
+        return True
 
     def _ahead(self, records: Iterator[tuple[int, bytes]]) -> Generator[_Prepared, None, None]:
         """Yield opcode and content of each record, and of a chunk what it holds, read and unpacked by another thread.
@@ -655,6 +662,13 @@ class McapFile:
                 what = f"has a whole attachment at {start - _RECORD.size} in a record of another length; it was read"
                 self.damage.append(str(self._damage(what)))
                 return opcode, own
+        if opcode == Opcode.HEADER and not _in_a_row(file, start + length, size):
+            own = _header_length(file, start)
+            if own is not None and own != length and _in_a_row(file, start + own, size):
+                file.seek(start)
+                self.damage.append(str(self._damage("has a header whose length is wrong; it was read")))
+                return opcode, own
+        file.seek(start)
         if (inside := self._disguised_chunk(file, start, size, opcode, length)) is None:
             return opcode, length
         what = f"has a whole chunk at {start - _RECORD.size} in a record of another kind or length; it was read"
@@ -745,7 +759,7 @@ class McapFile:
             end = at + _CHECKSUM.size
             whole = _checksum(file, start, at) == said if said else _in_a_row(file, end, size)
             return end - start if whole else None
-        except (struct.error, OverflowError):
+        except (struct.error, OverflowError, ValueError):
             return None
         finally:
             file.seek(start)
@@ -1036,7 +1050,7 @@ def _looks_like_one(file: BinaryIO, at: int, size: int) -> bool:
 def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:
     """Return whether `_ROW` records of known kinds follow each other from here on, or all up to the end."""
     for _ in range(_ROW):
-        file.seek(at)
+        file.seek(min(at, size))
         opcode, length = _RECORD.unpack(file.read(_RECORD.size)) if size - at >= _RECORD.size else (0, 0)
         at += _RECORD.size + length
         if not 0 < opcode <= max(Opcode) or at > size:
@@ -1044,6 +1058,18 @@ def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:
         if opcode == Opcode.FOOTER:
             return length == _FOOTER.size and at == size - len(MAGIC)
     return True
+
+
+def _header_length(file: BinaryIO, start: int) -> int | None:
+    """Return the length of the header of a file by its two texts; None if these bytes are none."""
+    at = start
+    try:
+        for _ in range(2):
+            file.seek(at)
+            at += _TEXT_LENGTH.size + _TEXT_LENGTH.unpack(file.read(_TEXT_LENGTH.size))[0]
+    except (struct.error, OverflowError, ValueError):
+        return None
+    return at - start
 
 
 def _chunk_length(head: bytes) -> int | None:

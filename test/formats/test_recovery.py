@@ -366,6 +366,32 @@ def test_a_flip_in_the_length_of_an_attachment_costs_no_chunk_behind_it(
     assert again.attachments == {"notes.txt": bytes(range(80))}
 
 
+@pytest.mark.parametrize("flip", [(0, 1), (0, 64), (1, 2), (2, 16)])
+def test_a_flip_in_the_length_of_the_header_costs_no_chunk(tmp_path: Path, flip: tuple[int, int]) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1 + 1 / (i + 1))) for i in range(300)]
+    log = write_rows(tmp_path / "a.mcap", rows, chunk_size=1000, index_types=IndexType.NONE)
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    place, mask = flip
+    data[8 + 1 + place] ^= mask
+    log.write_bytes(data)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    assert read_bag(tmp_path / "saved.mcap").wrenches("/w") == expected
+
+
+def test_a_channel_of_the_summary_that_a_flip_calls_a_message_is_none(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1)) for i in range(50)]
+    log = write_rows(tmp_path / "a.mcap", rows)
+    data, expected = bytearray(log.read_bytes()), read_bag(log).wrenches("/w")
+    data[_places(data, Opcode.CHANNEL)[-1]] = Opcode.MESSAGE
+    log.write_bytes(data)
+    (saved,) = recover(log, tmp_path / "saved.mcap")
+    assert saved.state == "damaged"
+    again = read_bag(tmp_path / "saved.mcap")
+    assert again.wrenches("/w") == expected
+    assert sum(len(each.log_times) for each in again.topics.values()) == 50
+
+
 @pytest.mark.parametrize(("place", "mask"), [(0, 1), (1, 1), (2, 1), (4, 2), (8, 64), (9, 64)])
 def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, place: int, mask: int) -> None:
     """Opcode, length (small, large, beyond the file) and channel of a message of a file without chunks."""
