@@ -68,9 +68,12 @@ def aged(before: HeldWrench, after: HeldWrench, length: float, is_linear: bool, 
 
     With two weights the result is exact to a few roundings of itself, also where it begins or ends at zero.
     """
-    part = age / length
     if is_linear:
+        # It ends within a nanosecond of its length. A step that is tried beyond, in a search for switches of wheels,
+        # must not see it grow without bound.
+        part = min(age, length + 1e-9) / length
         return combined(1.0 - part, before, part, after)
+    part = age / length
     return combined(math.exp(-part), before, -math.expm1(-part), after)
 
 

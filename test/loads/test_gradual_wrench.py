@@ -214,3 +214,24 @@ output_rate: 10
         assert abs(sink.energy_defect).max() < 1e-11
         assert abs(sink.angular_momentum_defect_world).max() < 1e-11
         assert abs(sink.linear_momentum_defect_world).max() < 1e-14
+
+
+@pytest.mark.parametrize("method", ["dop853", "dverk"])
+def test_a_quick_ramp_beside_a_wheel_needs_no_shorter_step(method: str) -> None:
+    """The search for switches of wheels tries the whole step, far beyond the end of the ramp."""
+    scene = rb.parse_scene(f"""
+body:
+  mass: 10
+  inertia: {{diagonal: [0.05, 0.12, 0.14]}}
+  frames: {{jet: {{position: [0.1, 0.2, 0], orientation: {{x: 0, y: 0, z: 0, w: 1}}}}}}
+wrenches: []
+actuators:
+  - {{type: thruster, name: jet, frame: jet, force: 5.0, rise: 1.0e-5}}
+  - {{type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 1.0e-3, speed: 1.0}}
+solver: {{method: {method}, step: 0.1}}
+duration: 0.4
+""")
+    end = rb.simulate(scene, [("jet/command", Setpoint(0.05, stamp_ns=200_000_000))]).sample
+    # From rest, by its torque times time, before the body turns.
+    assert end.angular_momentum_world[2] == pytest.approx(-0.2 * 5.0 * (0.05 - 0.5e-5), rel=0.05)
+    assert abs(end.energy_defect) < 1e-12
