@@ -954,3 +954,15 @@ def test_a_state_from_which_the_motion_could_not_continue_has_no_output_of_its_o
     run.finish()
     assert len(run.refused) == 1
     assert replay(tmp_path / "run.mcap").identical
+
+
+def test_a_run_that_ends_at_its_start_has_what_acts_from_there(tmp_path: Path) -> None:
+    """As that of a node that is reset twice at once."""
+    scene = parse_scene(
+        "body: {mass: 2}\nwrenches: [{topic: a, bias: {force: [1, 0, 0]}}]\n"
+        "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n"
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    run.start()
+    run.finish()
+    assert replay(tmp_path / "run.mcap").identical
