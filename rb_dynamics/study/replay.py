@@ -414,9 +414,11 @@ class _Comparison:
         self._in_order = _InOrder(facts.scene) if by_rule_1 else None
         self._largest_energy, self._scales = 0.0, dict[str, list[float]]()
         self._newest_ns = 0
-        # When commands come at the time at which an earlier one of their channel expires, and the message of the last.
+        # When commands come at the time at which an earlier one of their channel expires, and the changes of that time.
         self._renewals = _renewals(facts)
-        self._renewed: dict[str, Message] = {}
+        self._renewed: dict[str, list[AppliedWrench]] = {}
+        # Those on which a timeout has the message of a command: the wrench at that time, on its way.
+        self._lagging = {facts.names[each.topic + APPLIED] for each in facts.scene.channels if each.lag}
         # Times of messages that each file has once, at its first sample, and which of them are still expected.
         self._begun: dict[str, list[int]] = {}
         self._at_start: dict[str, int] = {}
@@ -497,7 +499,8 @@ class _Comparison:
         time_ns, topic, received, applied = changes.logged(i)
         acting = changes.applied_topic(i)
         came = [(topic, received)] if received is not None and topic in self._certain else []
-        if self._goes_on_with([*came, (acting, applied)], time_ns):
+        renewed = time_ns in self._renewals.get(acting, ())
+        if not renewed and self._goes_on_with([*came, (acting, applied)], time_ns):
             return
         for topic, received in came:
             self._compare(topic, time_ns, received)
@@ -513,6 +516,7 @@ class _Comparison:
         if (checkpoint := self._checkpoints.pop(self._found.samples, None)) is not None:
             self._hold_states(CHECKPOINT, dict(zip(("time_ns", "states_sha256"), checkpoint, strict=True)))
         self._largest_energy = max(self._largest_energy, energy)
+        self._compare_renewed(time_ns)
         messages = list(zip(self._sample_topics, expected, strict=True))
         if self._goes_on_with(messages, time_ns):
             return
@@ -657,51 +661,47 @@ class _Comparison:
             self._compare(topic, event.time_ns, encode_received(event.received))
 
     def _compare_applied(self, event: AppliedWrench) -> None:
-        """Compare a change of the applied wrench."""
-        topic, expected = self._facts.names[event.topic + APPLIED], encode_applied(event)
-        if topic in self._renewed and self._renewed[topic].log_time != event.time_ns:
-            self._pass_alike_timeout(topic)
-        if self._fill(topic, 1) and self._waiting[topic][0].data != expected:
-            if event.received is not None:
-                self._pass_timeout(topic, event)
-            elif self._comes_early(topic, event):
-                return
+        """Compare a change of the applied wrench; where a command meets a timeout, once that time is over."""
+        topic = self._facts.names[event.topic + APPLIED]
+        self._compare_renewed(event.time_ns)
+        if event.time_ns in self._renewals.get(topic, ()):
+            self._renewed.setdefault(topic, []).append(event)
+        else:
+            self._compare_change_of(topic, event)
+
+    def _compare_change_of(self, topic: str, event: AppliedWrench) -> None:
         if self._in_order is not None:
             self._in_order.replayed(topic, event)
-        message = self._compare(topic, event.time_ns, expected)
-        if message is not None and event.received is not None and event.time_ns in self._renewals.get(topic, ()):
-            self._renewed[topic] = message
+        self._compare(topic, event.time_ns, encode_applied(event))
 
-    def _pass_alike_timeout(self, topic: str) -> None:
-        """Skip a timeout at the exact time of the last command, if both have the same message.
+    def _compare_renewed(self, until_ns: float) -> None:
+        """Compare changes before `until_ns` of channels on which a command came as an earlier one expired."""
+        for topic, changes in [*self._renewed.items()]:
+            if changes[0].time_ns < until_ns:
+                del self._renewed[topic]
+                self._compare_without_timeout(topic, changes)
 
-        Both do if the command is zero, or if the wrench follows with a lag. Which is skipped makes no difference.
+    def _compare_without_timeout(self, topic: str, changes: list[AppliedWrench]) -> None:
+        """Compare all changes of one time, but for a timeout before a command: it has no effect.
+
+        A node that had advanced to that time before the command came has logged it; a replay has one if the body is
+        moved then, as it goes to the time of a move before its commands.
         """
-        last = self._renewed.pop(topic)
-        if self._fill(topic, 1) and self._waiting[topic][0] == last:
-            self._waiting[topic].popleft()
-
-    def _comes_early(self, topic: str, event: AppliedWrench) -> bool:
-        """Return whether a timeout is of this replay alone, which goes to the time of a move before its commands."""
-        moved = event.timed_out and event.time_ns in self._renewals.get(topic, ())
-        moved = moved and any(change.time_ns == event.time_ns for change in self._facts.moves)
-        return moved and self._waiting[topic][0].log_time == event.time_ns
-
-    def _pass_timeout(self, topic: str, command: AppliedWrench) -> None:
-        """Skip a timeout at the exact time of a command on its channel: it had no effect.
-
-        A node that had advanced to that time before the command came has logged both.
-        """
-        timeout = replace(command, received=None, frame_id=self._body_frame, force=ZERO, torque=ZERO)
-        first = self._waiting[topic][0]
-        if (
-            first.data == encode_applied(timeout)
-            and self._fill(topic, 2)
-            and first.log_time == self._waiting[topic][1].log_time == command.time_ns
-        ):
-            self._waiting[topic].popleft()
-            if self._in_order is not None:
-                self._in_order.replayed(topic, timeout)
+        time_ns, command = changes[0].time_ns, next((each for each in changes if each.received is not None), None)
+        if command is not None:
+            changes = [each for each in changes if not each.timed_out]
+            while self._newest_ns <= time_ns and self._read():
+                pass
+            logged = [each for each in self._waiting[topic] if each.log_time == time_ns]
+            timeout = command
+            if topic not in self._lagging:
+                timeout = replace(command, received=None, frame_id=self._body_frame, force=ZERO, torque=ZERO)
+            if len(logged) > len(changes) and self._waiting[topic][0].data == encode_applied(timeout):
+                self._waiting[topic].popleft()
+                if self._in_order is not None:
+                    self._in_order.replayed(topic, timeout)
+        for change in changes:
+            self._compare_change_of(topic, change)
 
     def _goes_on_with(self, expected: Sequence[tuple[str, bytes]], time_ns: int) -> bool:
         """Take the next messages of the log if they are these, all at one time; if not, they stay to be compared.
@@ -812,8 +812,7 @@ class _Comparison:
         return True
 
     def _read_rest(self) -> None:
-        for topic in [*self._renewed]:
-            self._pass_alike_timeout(topic)
+        self._compare_renewed(math.inf)
         while self._read():
             pass
 

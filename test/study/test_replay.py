@@ -20,7 +20,7 @@ from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.body.state import State
 from rb_dynamics.cli import main
 from rb_dynamics.conversion.convert import to_table
-from rb_dynamics.errors import ConvergenceError, LogError
+from rb_dynamics.errors import ConvergenceError, LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
@@ -932,6 +932,36 @@ def test_whatever_meets_at_a_nanosecond_replays_to_the_bit(seed: int, outputs: s
         else:
             run.advance(now_ns + 1_000_000 * dice.choice([0, 1, 2, 3, 10, 20]))
     run.advance(500_000_000)
+    run.finish()
+    assert replay(log).identical
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_commands_that_come_as_others_expire_while_the_body_is_moved_replay_to_the_bit(
+    seed: int, tmp_path: Path
+) -> None:
+    """As in a node in lockstep whose timeouts are multiples of the time between commands."""
+    dice, log = random.Random(seed), tmp_path / "run.mcap"
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nsolver: {method: rk4, step: 0.01}\nduration: 0.25\n"
+        "wrenches: [{topic: a, timeout: 0.01, lag: 0.02}, {topic: b, timeout: 0.01},"
+        f" {{topic: c, timeout: 0.02, max_force: 1.0, lag: 0.03}}]\noutput_rate: {dice.choice([0, 20, 100])}\n"
+    )
+    run = Simulation(scene, [McapSink(log)])
+    run.start()
+    while run.computed_ns < 200_000_000:
+        now_ns, kind = run.computed_ns, dice.random()
+        push = dice.choice([0.0, dice.gauss(0.0, 1.0), 0.5, 9.0]), 0.0, 0.0
+        if kind < 0.5:
+            then_ns = now_ns + 10_000_000 * dice.choice([0, 0, 0, 1, 1, 2])
+            wrench = Wrench(push, frame_id=dice.choice(["", "world"]))
+            with contextlib.suppress(WrenchError):
+                run.post(dice.choice("aabc"), wrench, then_ns)
+        elif kind < 0.65:
+            run.move(StateChange.to(State(angular_velocity_body=push), scene.body))
+        else:
+            run.advance(now_ns + 10_000_000 * dice.choice([0, 1, 1, 1, 2]))
+    run.advance(250_000_000)
     run.finish()
     assert replay(log).identical
 
