@@ -417,7 +417,7 @@ class _Comparison:
         # When commands come at the time at which an earlier one of their channel expires, and the changes of that time.
         self._renewals = _renewals(facts)
         self._renewed: dict[str, list[AppliedWrench]] = {}
-        # Those on which a timeout has the message of a command: the wrench at that time, on its way.
+        # Those on which a timeout has the message of the command: the wrench at that time, on its way.
         self._lagging = {facts.names[each.topic + APPLIED] for each in facts.scene.channels if each.lag}
         # Times of messages that each file has once, at its first sample, and which of them are still expected.
         self._begun: dict[str, list[int]] = {}
@@ -689,17 +689,18 @@ class _Comparison:
         """
         time_ns, command = changes[0].time_ns, next((each for each in changes if each.received is not None), None)
         if command is not None:
+            timeout = next((each for each in changes if each.timed_out), None)
             changes = [each for each in changes if not each.timed_out]
+            if timeout is None and topic not in self._lagging:
+                timeout = replace(command, received=None, frame_id=self._body_frame, force=ZERO, torque=ZERO)
             while self._newest_ns <= time_ns and self._read():
                 pass
-            logged = [each for each in self._waiting[topic] if each.log_time == time_ns]
-            timeout = command
-            if topic not in self._lagging:
-                timeout = replace(command, received=None, frame_id=self._body_frame, force=ZERO, torque=ZERO)
-            if len(logged) > len(changes) and self._waiting[topic][0].data == encode_applied(timeout):
-                self._waiting[topic].popleft()
+            waiting, place = self._waiting[topic], changes.index(command)
+            logged = [each.log_time for each in waiting].count(time_ns)
+            if logged > len(changes) and waiting[place].data == encode_applied(timeout or command):
+                del waiting[place]
                 if self._in_order is not None:
-                    self._in_order.replayed(topic, timeout)
+                    self._in_order.replayed(topic, timeout or command)
         for change in changes:
             self._compare_change_of(topic, change)
 

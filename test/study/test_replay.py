@@ -966,6 +966,24 @@ def test_commands_that_come_as_others_expire_while_the_body_is_moved_replay_to_t
     assert replay(log).identical
 
 
+def test_a_body_that_is_turned_back_as_its_command_expires_and_another_comes_replays(tmp_path: Path) -> None:
+    """The wrench on its way is in body axes before the move, and of both frames after it: other numbers."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\ninitial: {angular_velocity_body: [0, 0, 9]}\n"
+        "wrenches: [{topic: a, timeout: 0.01, lag: 0.02}]\nsolver: {method: dop853, step: 0.01}\n"
+        "duration: 0.05\noutput_rate: 100\n"
+    )
+    run = Simulation(scene, [McapSink(tmp_path / "run.mcap")])
+    run.start()
+    for time_ns, frame in ((0, "world"), (10_000_000, ""), (20_000_000, "world")):
+        run.advance(time_ns)
+        run.move(StateChange.to(State(angular_velocity_body=(0.0, 0.0, 9.0)), scene.body))
+        run.post("a", Wrench((1.0, 2.0, 3.0), frame_id=frame), time_ns)
+    run.advance(50_000_000)
+    run.finish()
+    assert replay(tmp_path / "run.mcap").identical
+
+
 @pytest.mark.parametrize("sensors", ["", "sensors: [{type: imu, name: imu, rate: 10}]\n"])
 def test_a_state_from_which_the_motion_could_not_continue_has_no_output_of_its_own(
     sensors: str, tmp_path: Path
