@@ -363,7 +363,7 @@ class McapFile:
         data_ended = False
         with contextlib.closing(self._ahead(self._records(file, size))) as records:
             for opcode, content, unpacked in records:
-                if opcode == Opcode.MESSAGE and not (data_ended and self._misnamed()):
+                if opcode == Opcode.MESSAGE and not (data_ended and self._is_stray()):
                     self.unchecked = self._outside = True
                     self._loose += _RECORD.pack(opcode, len(content)) + content
                     if len(self._loose) < _TOGETHER_BYTES:
@@ -392,8 +392,11 @@ class McapFile:
                     self._note_loose(opcode, content, summary=data_ended)
         yield from self._held_messages(take)
 
-    def _misnamed(self) -> bool:
-        """Return whether to salvage a message behind the end of the data is none, as in a file of chunks."""
+    def _is_stray(self) -> bool:
+        """Return whether a message after the data section is another record with a damaged opcode, and note it.
+
+        It is if a file is salvaged whose messages are all in chunks.
+        """
         if not self.salvage or self._outside:
             return False
         self._note_damage("has a message behind the end of its data; it is left out")

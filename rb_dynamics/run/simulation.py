@@ -901,11 +901,16 @@ class Simulation:
         """Close every sink, even if one of them fails; a second call does nothing."""
         if self._finished:
             return
-        if self._outputs and self._computed_ns == 0 and self._sinks:
-            # What acts from the start on belongs to a run that ends there, too.
-            with contextlib.suppress(ConvergenceError, OverflowError):
-                self.advance(0)
-        self._finished = True
+        try:
+            if self._outputs and self._computed_ns == 0 and self._sinks:
+                # What acts from the start on belongs to a run that ends there, too.
+                with contextlib.suppress(ConvergenceError, OverflowError):
+                    self.advance(0)
+        finally:
+            self._finished = True
+            self._close_sinks()
+
+    def _close_sinks(self) -> None:
         if not self._sinks:
             return
         result = {

@@ -667,9 +667,9 @@ class _Comparison:
         if event.time_ns in self._renewals.get(topic, ()):
             self._renewed.setdefault(topic, []).append(event)
         else:
-            self._compare_change_of(topic, event)
+            self._compare_applied_on(topic, event)
 
-    def _compare_change_of(self, topic: str, event: AppliedWrench) -> None:
+    def _compare_applied_on(self, topic: str, event: AppliedWrench) -> None:
         if self._in_order is not None:
             self._in_order.replayed(topic, event)
         self._compare(topic, event.time_ns, encode_applied(event))
@@ -702,7 +702,7 @@ class _Comparison:
                 if self._in_order is not None:
                     self._in_order.replayed(topic, timeout or command)
         for change in changes:
-            self._compare_change_of(topic, change)
+            self._compare_applied_on(topic, change)
 
     def _goes_on_with(self, expected: Sequence[tuple[str, bytes]], time_ns: int) -> bool:
         """Take the next messages of the log if they are these, all at one time; if not, they stay to be compared.

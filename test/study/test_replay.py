@@ -7,7 +7,7 @@ import dataclasses
 import math
 import random
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.mcap_records import McapFile, Message, OnFact
 from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.formats.recovery import recover
+from rb_dynamics.loads.wrench_channels import AppliedWrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.messages import decode_wrench
 from rb_dynamics.logs.own_log import logged_scene, scene_and_names
 from rb_dynamics.run.simulation import Simulation
-from rb_dynamics.run.sink import Status
+from rb_dynamics.run.sink import Event, RunInfo, Status
 from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
@@ -1014,3 +1015,20 @@ def test_a_run_that_ends_at_its_start_has_what_acts_from_there(tmp_path: Path) -
     run.start()
     run.finish()
     assert replay(tmp_path / "run.mcap").identical
+
+
+def test_a_sink_that_fails_as_a_run_ends_at_its_start_leaves_the_others_closed(tmp_path: Path) -> None:
+    class Full:
+        def open(self, run: RunInfo) -> None: ...
+        def write(self, event: Event) -> None:
+            if isinstance(event, AppliedWrench):
+                raise OSError("no space left on device")
+
+        def close(self, result: Mapping[str, str]) -> None: ...
+
+    scene = parse_scene("body: {mass: 2}\nwrenches: [{topic: a, bias: {force: [1, 0, 0]}}]\n")
+    run = Simulation(scene, [McapSink(log := tmp_path / "run.mcap"), Full()])
+    run.start()
+    with pytest.raises(OSError, match="no space"):
+        run.finish()
+    assert replay(log).identical
