@@ -408,11 +408,27 @@ class McapFile:
         To salvage, nothing is read ahead: each record is examined after all before it are finished.
         """
         if self.salvage:
-            yield from ((opcode, content, None) for opcode, content in records)
+            yield from ((opcode, content, None) for opcode, content in self._without_misnamed(records))
             return
         with contextlib.closing(one_ahead(self._prepared(records))) as ahead:
             for several in ahead:
                 yield from several
+
+    def _without_misnamed(self, records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+        """Yield records to salvage, without indexes of chunks that are called messages, and note these.
+
+        A message behind a chunk is one if its sequence number is the length of an index.
+        """
+        before = -1
+        for opcode, content in records:
+            is_index = content[2:6] == (max(len(content), 6) - 6).to_bytes(4, "little")
+            if before == Opcode.CHUNK and opcode == Opcode.MESSAGE and is_index:
+                self.damage.append(
+                    str(self._damage("has an index of a chunk that is called a message; it is left out"))
+                )
+                continue
+            before = opcode
+            yield opcode, content
 
     def _prepared(self, records: Iterator[tuple[int, bytes]]) -> Iterator[list[_Prepared]]:
         several: list[_Prepared] = []
@@ -908,13 +924,16 @@ class McapFile:
         """Note as damage what no chunk's checksum covers: the data section has one, too; 0 means that it has none."""
         said = int.from_bytes(content[:4], "little")
         if said:
+            self.unchecked = False
             with self.path.open("rb") as file:
                 # Most writers include the magic bytes at the start of the file, some do not.
                 if said in (_checksum(file, begin, self._data_end) for begin in (0, len(MAGIC))):
-                    self.unchecked = False
                     return
-            what = "has a data section whose checksum does not fit its content, while those of its chunks do"
-            self.damage.append(f"{self._damage(what)}; the index, metadata or an attachment may be wrong")
+            what = "has a data section whose checksum does not fit its content"
+            if self._whole:
+                what += ", while those of its chunks do"
+            suspects = "messages outside of chunks, their types," if self._outside else "the index,"
+            self.damage.append(f"{self._damage(what)}; {suspects} metadata or an attachment may be wrong")
 
     def _hold_statistics(self) -> None:
         """Compare what was read with the file's own statistics: a piece may be missing, or be there twice.

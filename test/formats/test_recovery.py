@@ -392,6 +392,36 @@ def test_a_channel_of_the_summary_that_a_flip_calls_a_message_is_none(tmp_path: 
     assert sum(len(each.log_times) for each in again.topics.values()) == 50
 
 
+def test_an_index_of_a_chunk_that_a_flip_calls_a_message_is_none(tmp_path: Path) -> None:
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, i * 0.1)) for i in range(300)]
+    log = write_rows(tmp_path / "a.mcap", rows, chunk_size=3000)
+    whole, expected = log.read_bytes(), read_bag(log).wrenches("/w")
+    for place in _places(whole, Opcode.MESSAGE_INDEX):
+        data = bytearray(whole)
+        data[place] = Opcode.MESSAGE
+        log.write_bytes(data)
+        (saved,) = recover(log, tmp_path / "saved.mcap")
+        assert (saved.state, saved.missing, saved.unplaced) == ("damaged", [], False)
+        again = read_bag(tmp_path / "saved.mcap")
+        assert again.wrenches("/w") == expected
+        assert sum(len(each.log_times) for each in again.topics.values()) == 300
+
+
+def test_a_flip_that_changes_a_message_outside_of_chunks_is_said_to_be_possible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only the checksum of the data shows it, and it was said that those of chunks fit, or that there was none."""
+    rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
+    path = write_rows(tmp_path / "a.mcap", rows, use_chunking=False, enable_data_crcs=True)
+    data = bytearray(path.read_bytes())
+    data[data.index(rows[50][3]) + 60] ^= 8
+    path.write_bytes(data)
+    assert main(["recover", str(path), str(tmp_path / "saved.mcap")]) == 1
+    said = capsys.readouterr().out
+    assert "checksum does not fit its content; messages outside of chunks" in said
+    assert "left out checksums" not in said
+
+
 @pytest.mark.parametrize(("place", "mask"), [(0, 1), (1, 1), (2, 1), (4, 2), (8, 64), (9, 64)])
 def test_a_flip_outside_of_chunks_costs_the_messages_it_hides(tmp_path: Path, place: int, mask: int) -> None:
     """Opcode, length (small, large, beyond the file) and channel of a message of a file without chunks."""
