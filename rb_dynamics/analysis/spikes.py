@@ -14,8 +14,10 @@ from rb_dynamics.numerics.rotation_arrays import rotate_all
 
 # A spike is so many times the usual step of this many samples on either side from the median of these.
 _FAR, _STEPS, _AROUND = 5.0, 7, 3
-# Of the largest value near, a step that may be rounding.
-_ROUNDING = 1e-12
+# Of the largest value near, a step that may be rounding, and one that may be that of single precision.
+_ROUNDING, _SINGLE = 1e-12, 2.0**-23
+# No sensor has coarser steps than this: rad/s, m/s, m; nor the ends of axes.
+_COARSEST = 0.1
 # More samples than this part are the noise of the sensor.
 _MOST = 0.05
 # So many times what a change of the rate makes in one interval, or the step before one at an end.
@@ -273,7 +275,9 @@ def _far(rows: Array, part: slice) -> NDArray[np.bool_]:
         windows(np.pad(near, ((_AROUND,) * 2, (0, 0)), mode="reflect"), 2 * _AROUND + 1, axis=0), axis=-1
     )
     usual = np.median(windows(np.pad(steps, _STEPS, mode="reflect"), 2 * _STEPS), axis=-1)
-    # A coarse sensor often repeats itself: its least step is usual.
-    least = max(float(steps[steps > 0.0].min()), _ROUNDING * float(np.abs(near).max()))
+    # A coarse sensor often repeats itself: its least step is usual. Where all stands still but for spikes, that is one.
+    largest = float(np.abs(near).max())
+    least = min(float(steps[steps > 0.0].min()), max(_COARSEST, _SINGLE * largest))
+    least = max(least, _ROUNDING * largest)
     far: NDArray[np.bool_] = np.linalg.norm(near - middle, axis=1) > _FAR * np.maximum(usual, least)
     return far[part.start - first :][: part.stop - part.start]

@@ -64,6 +64,19 @@ def test_spikes_are_named_with_their_size_and_time() -> None:
     assert "2 are spikes, up to 2 rad/s from the samples about them, the largest at t = 5 s" in said
 
 
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+def test_so_are_those_of_a_twist_that_stands_still(rate: float) -> None:
+    """The least step is that of a spike, and was taken for the steps of the sensor."""
+    motion = spin(rate=rate, speed=0.0, noise=1e-3)
+    rows = np.hstack([np.zeros((1000, 3)), np.round(motion.rate, 3)])
+    rows[::60, 4] += 0.02
+    assert not failing(bag_of(motion, twist_rows=rows))
+    rows[::60, 4] -= 0.02
+    rows[[100, 500, 501], 4] += [5.0, -7.0, -7.0]
+    told = failing(bag_of(motion, twist_rows=rows))
+    assert "3 are spikes, up to 7 rad/s" in told["/b/twist is whole"]
+
+
 @pytest.mark.parametrize("noise", [0.005, 0.02])
 @pytest.mark.parametrize("missing", [False, True])
 def test_quick_turns_that_the_pose_cannot_show_are_no_spikes(noise: float, missing: bool) -> None:
