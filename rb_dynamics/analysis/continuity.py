@@ -450,8 +450,12 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
     since = np.maximum(since, 1.0) * 1e-9
     gone = size[at]
     expected = np.maximum(_around(gone / since) * since, _around(gone))
+    # What goes there and back is not usual, though nothing else may move.
+    back = _there_and_back(track.pose, at, gone, turns=turns)
+    expected[back] = 0.0
     # If a pose moves only once, or there and back, its usual variation is not known.
-    spread = float(np.median(np.abs(gone - expected))) if len(gone) > 2 else 0.0
+    usually = np.abs(gone - expected)[~back]
+    spread = float(np.median(usually)) if len(usually) > 2 else 0.0
     beyond = gone > np.maximum(_TIMES * expected + _SPREADS * spread, least)
     # A motion at the first or last samples may continue outside.
     beyond &= (at >= _AROUND) & (at < len(size) - _AROUND)
@@ -459,6 +463,25 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
         beyond &= expected < FARTHEST
     found = [Jump(turns, int(time_ns[k]), int(time_ns[k + 1]), float(size[k])) for k in at[beyond]]
     return [jump for jump in found if not _explained(track, jump)]
+
+
+def _there_and_back(pose: TimeSeries | None, at: NDArray[np.intp], gone: Array, *, turns: bool) -> NDArray[np.bool_]:
+    """Return which of the changes after these samples, by so much, lead away and back, from and to a pose that rests.
+
+    Both within a few samples, and farther than rounding does.
+    """
+    first = np.flatnonzero(np.append(True, np.diff(at) > _REPEATS))
+    last = np.append(first[1:], len(at)) - 1
+    found = (last > first) & (at[last] - at[first] <= _AROUND)
+    if pose is None or not found.any():
+        return np.zeros(len(at), dtype=bool)
+    columns = slice(3, 7) if turns else slice(0, 3)
+    found &= (at[first] >= _REPEATS) & (at[last] < len(pose.values) - 1 - _REPEATS)
+    found &= gone[first] > _smallest(pose, columns, turns=turns)
+    ends = [pose.values[rows, columns] for rows in (at[first], at[last] + 1)]
+    before, after = (unit_rows(rows) for rows in ends) if turns else ends
+    found &= _apart(before, after, turns=turns) < _NEAR * gone[first]
+    return np.repeat(found, last - first + 1)
 
 
 def _around(rates: Array) -> Array:

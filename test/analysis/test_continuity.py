@@ -138,6 +138,35 @@ def test_a_held_pose_that_jumps_once_is_told() -> None:
 
 
 @pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("samples", [1, 3])
+def test_a_held_pose_that_jumps_and_comes_back_is_told_twice(turns: bool, samples: int) -> None:
+    """The way back was taken for the usual motion."""
+    motion = spin(rate=0.0, speed=0.0)
+    for begin in (200, 700):
+        motion.position[begin : begin + samples] += (0.0 if turns else 0.5, 0.0, 0.0)
+        motion.orientation_xyzw[begin : begin + samples] = motion.turned(0.5 * turns)[begin : begin + samples]
+    told = failing(bag_of(motion))[JUMPS]
+    assert told.count("attitude, by 28.65°" if turns else "position, by 0.5 m") == 4
+    assert f"at t = {1.99 + 0.01 * samples:.6g} s" in told
+
+
+def test_a_held_pose_that_rounding_takes_away_and_back_does_not_jump() -> None:
+    motion = spin(rate=0.0, speed=0.0)
+    motion.position[[200, 700], 0] += 0.05
+    assert not failing(bag_of(motion, with_twist=False))
+
+
+def test_a_pose_that_is_measured_at_random_times_and_held_between_them_does_not_jump() -> None:
+    for seed in range(20):
+        measured = np.random.default_rng(seed).random(1000) < 0.05
+        held = np.maximum.accumulate(np.where(measured, np.arange(1000), 0))
+        motion = spin(rate=0.5, noise=1e-3, seed=seed).taken(held, keep_times=True)
+        found = continuity(read_track(bag_of(motion, with_twist=False)))
+        assert found is not None
+        assert found.jumps == ()
+
+
+@pytest.mark.parametrize("turns", [True, False])
 @pytest.mark.parametrize("seconds", [1.0, 0.01])
 def test_what_a_recorded_wrench_does_within_a_sample_is_no_jump(turns: bool, seconds: float) -> None:
     """It turns by 0.5 rad, or goes 0.5 m, and stops: within 1 s, not within 10 ms, as 1 kg m^2 and 5 kg under this."""
