@@ -225,7 +225,7 @@ def overlaps(series: TimeSeries, start_ns: int) -> str:
         return ""
     columns = slice(0, 3), slice(3, None)
     turns = False, series.values.shape[1] == 7
-    least = [_smallest(series, part, turns=turn) for part, turn in zip(columns, turns, strict=True)]
+    least = [smallest_change(series, part, turns=turn) for part, turn in zip(columns, turns, strict=True)]
     ends: list[int] = []
     for times, values in zip(in_blocks(series.time_ns, shared), in_blocks(series.values, shared), strict=True):
         jumps = np.zeros(len(times) - 2, dtype=bool)
@@ -336,7 +336,7 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     samples return as closely, but most of those that are rounded to steps as large as the noise.
     """
     sizes, start = [np.empty(0)], pose.time_ns[0]
-    smallest = _smallest(pose, slice(3, 7) if turns else slice(0, 3), turns=turns)
+    smallest = smallest_change(pose, slice(3, 7) if turns else slice(0, 3), turns=turns)
     if known := twist is not None and len(twist.time_ns) > 0:
         part = slice(3, 6) if turns else slice(0, 3)
         rates = np.nan_to_num(sizes_of(twist.values[:, part]))
@@ -356,7 +356,7 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     return Returns(turns, share, float(np.median(returned))) if share > _RETURNS else None
 
 
-def _smallest(series: TimeSeries, columns: slice, *, turns: bool) -> float:
+def smallest_change(series: TimeSeries, columns: slice, *, turns: bool) -> float:
     """Return the smallest distance, or angle between attitudes, that is more than rounding."""
     # A turn is twice the change of the quaternion.
     rounded = (2.0 if turns else 1.0) * _step(series, columns)
@@ -477,7 +477,7 @@ def _there_and_back(pose: TimeSeries | None, at: NDArray[np.intp], gone: Array, 
         return np.zeros(len(at), dtype=bool)
     columns = slice(3, 7) if turns else slice(0, 3)
     found &= (at[first] >= _REPEATS) & (at[last] < len(pose.values) - 1 - _REPEATS)
-    found &= gone[first] > _smallest(pose, columns, turns=turns)
+    found &= gone[first] > smallest_change(pose, columns, turns=turns)
     ends = [pose.values[rows, columns] for rows in (at[first], at[last] + 1)]
     before, after = (unit_rows(rows) for rows in ends) if turns else ends
     found &= _apart(before, after, turns=turns) < _NEAR * gone[first]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.continuity import smallest_change
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.noise import noise_of_path, typical_at
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
@@ -507,11 +508,18 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
         return _windows(both, of, columns, reading, floor, known=reading is given)
 
     found = compared(given)
+    filled = any(bool(rows.any()) for rows in in_blocks(both.twist[:, columns]))
+    if found is not None and not filled:
+        # Rounding takes a pose at rest away and back.
+        turns = of == "attitude"
+        numbers = slice(3, 7) if turns else slice(0, 3)
+        floor = max(floor, smallest_change(TimeSeries("", both.time_ns, both.pose), numbers, turns=turns))
+        found = compared(given)
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
         return Agreement(of, None, reason=f"the body {moves} too little above the noise of the pose")
     error, sure, speed, count, window_s, beyond, odd, when_ns = found
-    if not any(bool(rows.any()) for rows in in_blocks(both.twist[:, columns])):
+    if not filled:
         return Agreement(of, error, window_s, count, True, nothing=True)
     remedy, remaining = "", 0.0
     if sure > _CONTRADICTS:

@@ -376,3 +376,11 @@ def test_what_is_all_noise_explains_nothing() -> None:
     (check,) = [each for each in summary.checks if each.name == "inertia explains the motion"]
     assert not check.judged
     assert check.detail == "not judged; the noise of the recording hides it"
+
+
+@pytest.mark.parametrize("every", [20, 100, 300])
+def test_a_body_at_rest_whose_position_rounding_takes_away_and_back_has_a_twist(every: int) -> None:
+    """It was said that the twist, which is zero, was not filled in."""
+    motion = spin(rate=0.0, speed=0.0)
+    motion.position[:, 0] += 1e-3 * (np.arange(1000) // every % 2)
+    assert not failing(bag_of(motion))
