@@ -422,6 +422,7 @@ class RecordedWrenches:
             self._looked_through(bag) if bag.by_log or bag.offset_ns or bag.beside else bag for bag in self._bags
         ]
         self.notes += self._out_of_order()
+        self.notes += self._of_one_time()
         self.notes += filter(None, map(_clock_note, self._bags))
         self.notes += (
             f"{bag.path}: {told}; each acts at its log time"
@@ -666,6 +667,18 @@ class RecordedWrenches:
             for bag in bags
             if bag.still and not bag.unstamped
         ]
+
+    def _of_one_time(self) -> list[str]:
+        """Return what a person should know of commands for the same time from several topics or bags."""
+        counts = [(name.removeprefix("/"), count) for bag in self._bags for name, count in bag.found.items()]
+        sources = Counter(self._wanted[name] for name, count in counts if count and name in self._wanted)
+        if max(sources.values(), default=0) < 2:
+            return []
+        pairs = (np.stack((batch.time_ns, batch.channel)) for batch, _ in self.batches())
+        repeats = sum(each.shape[1] - np.unique(each, axis=1).shape[1] for each in pairs)
+        repeats -= sum(bag.still for bag in self._bags if not bag.by_log)
+        what = "commands come at the time of another one on their channel, from another topic or bag"
+        return [f"{repeats} {what}: of commands of one time only the last acts"] if repeats > 0 else []
 
     def _repeated(self, bag: _Recording) -> int:
         """Return how many commands have the stamp of an earlier one on their channel."""

@@ -564,6 +564,28 @@ def test_late_copies_of_a_latched_command_are_all_counted(tmp_path: Path) -> Non
     assert told(write_rows(tmp_path / "late.mcap", rows(20, 10, 30))) == []
 
 
+def test_commands_of_one_time_from_several_topics_or_bags_are_counted(tmp_path: Path) -> None:
+    """Only those of one topic of one bag were."""
+
+    def rows(topic: str, *seconds: int) -> list[Row]:
+        return [(topic, STAMPED, at * SECOND, stamped(at * SECOND, 1.0)) for at in seconds]
+
+    def told(*paths: Path, **mapped: str) -> list[str]:
+        mapping = {f"/{topic}/wrench": channel for topic, channel in mapped.items()}
+        return RecordedWrenches(paths, ["wrench", "other"], 9 * SECOND, mapping=mapping, start="auto").notes
+
+    one = write_rows(tmp_path / "one.mcap", rows("/wrench", 0, 1, 2))
+    two = write_rows(tmp_path / "two.mcap", rows("/wrench", 1, 2, 3))
+    both = write_rows(tmp_path / "both.mcap", rows("/a/wrench", 0, 1, 1) + rows("/b/wrench", 1, 2))
+    many = "commands come at the time of another one on their channel, from another topic or bag: of commands of one"
+    assert told(one, two) == [f"2 {many} time only the last acts"]
+    assert told(one) == told(both, a="wrench", b="other")[1:] == []
+    (told_of_bag,) = told(both, a="wrench", b="wrench")
+    assert told_of_bag.startswith(f"{both}: 2 of its 5 commands have the stamp of an earlier one")
+    apart = write_rows(tmp_path / "apart.mcap", rows("/a/wrench", 0, 1) + rows("/b/wrench", 1, 2))
+    assert told(apart, a="wrench", b="wrench") == [f"1 {many} time only the last acts"]
+
+
 @pytest.mark.parametrize("kind", [SCALAR, WRENCH])
 @pytest.mark.parametrize("every", [1, 20])
 def test_commands_without_stamps_that_come_in_bursts_are_named(tmp_path: Path, kind: str, every: int) -> None:
