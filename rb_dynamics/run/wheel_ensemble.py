@@ -378,9 +378,15 @@ class WheelEnsemble:
         return found
 
     def _told(self, phases: Numbers, time_ns: int) -> list[tuple[Sample, Sample]]:
-        """Return the first sample of each body, and that of its phase."""
-        found = zip(self._observers, phases.tolist(), strict=True)
-        return [(first, observer.sample(_phase(row), time_ns)) for (observer, first), row in found]
+        """Return the first sample of each body, and that of its phase; twice the first of one that is left behind.
+
+        Its phase may be no numbers, for which an effect with a potential would refuse the samples of all.
+        """
+        found = zip(self._observers, phases.tolist(), self.left_behind.tolist(), strict=True)
+        return [
+            (first, first if is_left else observer.sample(_phase(row), time_ns))
+            for (observer, first), row, is_left in found
+        ]
 
 
 def _phase(row: Sequence[float]) -> PhaseState:

@@ -446,3 +446,21 @@ def test_a_step_that_does_not_suit_one_of_the_bodies(monkeypatch: pytest.MonkeyP
     WheelEnsemble([one, one], 1)
     with pytest.raises(ConvergenceError, match=r"solver.step: found 0.03 s"):
         WheelEnsemble([one, light], 1)
+
+
+def test_the_books_can_be_read_beside_a_body_whose_phase_is_no_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps that are too long for the fall into a centre: gravity has no potential at such a place."""
+    import numpy as np
+
+    monkeypatch.setenv("RB_DYNAMICS_COMPILE", "always")
+    effects = (CentralGravity(1000.0, gravity_gradient=True),)
+    scene = replace(satellite(1, Solver("dop853", step=0.1, accuracy=None), "torque"), effects=effects)
+    states = [
+        replace(scene.initial, position_world=(x, 0.1, 0.0), linear_velocity_world=(-8.0, 0.0, 0.0))
+        for x in (1e3, *np.linspace(9.5, 10.5, 31).tolist())
+    ]
+    bodies = WheelEnsemble([replace(scene, initial=state) for state in states])
+    bodies.advance_to(NANOSECONDS)
+    assert np.isnan(bodies.phases[bodies.left_behind]).any()
+    assert not bodies.left_behind[0]
+    assert math.isfinite(bodies.samples().kinetic_energy[0])
