@@ -75,7 +75,7 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
 
 
 def called_for_numbers(what: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """Return the result of a user function as an array of float64.
+    """Return the result of a user function as an array of float64, NaN where it is masked.
 
     Raises:
         FunctionError: it raised, or returned what is not made of real numbers.
@@ -83,11 +83,14 @@ def called_for_numbers(what: str, function: Callable[..., Any], *arguments: obje
     """
     import numpy as np
 
-    values = called(what, lambda: np.asarray(function(*arguments)))
+    found = called(what, lambda: function(*arguments))
+    values = called(what, lambda: np.asarray(found))
     # Converted, a complex number would silently lose a part, and a text would pass as a number.
     if values.dtype.kind not in "biufO":
         raise FunctionError(f"{what} returned values of type {values.dtype}, expected real numbers")
-    return called(what, lambda: values.astype(np.float64))
+    numbers = called(what, lambda: values.astype(np.float64))
+    # What is masked is unknown, whatever stands beneath.
+    return np.where(np.ma.getmaskarray(found), np.nan, numbers) if np.ma.is_masked(found) else numbers
 
 
 def _described(error: BaseException) -> str:

@@ -390,6 +390,7 @@ FAST = "np.any(gain > 1.8) and measured.time_s > 0.9"
 LATE = "samples.time_ns > 10**9 and np.any(samples.angular_velocity_body > 0.3)"
 BAD = {
     "NaN": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), np.nan, {GOOD['torque']})"},
+    "masked": {"torque": f"np.ma.masked_where((gain + 0 * rate > 1.8) & (measured.time_s > 0.9), {GOOD['torque']})"},
     "huge": {"torque": f"np.where((gain > 1.8) & (measured.time_s > 0.9), -1e200, {GOOD['torque']})"},
     "raise": {"first": f"raise_ = [][1] if {FAST} else 0"},
     "complex": {"torque": f"({GOOD['torque']}) * (1j if {FAST} else 1)"},
@@ -445,6 +446,7 @@ def test_a_function_that_fails_for_a_run_is_a_row_with_its_reason(
     failed = [run for run, error in enumerate(found["error"]) if error]
     reason = {
         "NaN": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at simulation time 1.0 s, no finite torque",
+        "masked": r"control.law: own_bad.law returned \(nan, nan, nan\) N m at simulation time 1.0 s, no finite torque",
         "huge": r"control.law: own_bad.law returned \(-1e\+200, -1e\+200, -1e\+200\) N m at simulation time 1.0 s, .*"
         r"N m, .*is more than the .* N m that the body can be simulated under",
         "raise": r"control.law: own_bad.law raised IndexError: list index out of range, own_bad.py:8",
