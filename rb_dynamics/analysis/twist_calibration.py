@@ -3,7 +3,7 @@
 The change of the pose over a block of time is (1 + s) W + θ x W + b t, where W is the integral of the twist over the
 block, shifted by the lag, and b a constant error as gyros have. Gauss-Newton gives lag, s, θ and b. Their standard
 errors come from the scatter between groups of blocks, so that they hold for noise that is not white (Liang and Zeger,
-Biometrika 73 (1986) 13).
+Biometrika 73 (1986) 13), and from the rounding of the twist, which scatters little where the twist stays at one value.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ _LIKE = ([1, 5, 6, 7], [5, 6, 7])
 _FACTOR, _TURN = 0.05, 0.035
 # A lag up to this many intervals of the twist may be how a program stamps.
 _INTERVALS = 1.5
+# A twist of so many steps of rounding, or more, is as good as not rounded; what counts as zero, relative to the twist.
+_STEPS, _ZERO = 1000, 1e-5
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,7 @@ class _Blocks:
         unknown: the intervals whose change is not known, ascending.
         longest: longest lag, s.
         away: distance of the instruments from a block, s.
+        step: of which all values of the twist are multiples; 0 if it is not rounded.
     """
 
     begin: Array
@@ -190,6 +193,7 @@ class _Blocks:
     unknown: NDArray[np.intp]
     longest: float
     away: float
+    step: float
 
     @staticmethod
     def of(ends: Times, gone: Array, time_ns: Times, said: Array) -> _Blocks:
@@ -206,7 +210,7 @@ class _Blocks:
         longest = min(_LONGEST, _PART * float(at[-1] - at[0]))
         away = _AWAY * float(np.median(steps, overwrite_input=True))
         unknown = np.flatnonzero(np.concatenate([np.isnan(rows[:, 0]) for rows in in_blocks(gone)]))
-        return _Blocks(edges[:-1], edges[1:], gone, at, columns, sums, unknown, longest, away)
+        return _Blocks(edges[:-1], edges[1:], gone, at, columns, sums, unknown, longest, away, _step(said))
 
     def merged(self, size: int) -> _Blocks | None:
         """Return blocks of `size` intervals that are known, lags included; None for too few."""
@@ -298,8 +302,41 @@ class _Blocks:
         scores = (beside * left[:, None]).reshape(count, 3, -1).sum(axis=1)
         groups = np.add.reduceat(scores, np.arange(_GROUPS) * count // _GROUPS, axis=0)
         scatter = inverse @ (groups.T @ groups) @ inverse.T * _GROUPS / (_GROUPS - 1.0)
-        values[kept], errors[kept] = best / size, np.sqrt(np.maximum(np.diag(scatter), 0.0)) / size
+        rounding = self._rounding(moved / seconds[:, None], seconds, inverse @ beside.T)
+        variances = np.maximum(np.diag(scatter), 0.0) + rounding
+        values[kept], errors[kept] = best / size, np.sqrt(variances) / size
         return _Fit(values, errors, float(left @ left) + (_LEAST * float(np.linalg.norm(moved))) ** 2, spread, count)
+
+    def _rounding(self, mean: Array, seconds: Array, effect: Array) -> Array:
+        """Return the variances by the rounding of a twist of this `mean` in each block, of the `effect` of changes.
+
+        Blocks in which an axis has the same value share its error.
+        """
+        found = np.zeros(len(effect))
+        if self.step:
+            levels = np.rint(mean / self.step).astype(np.intp)
+            shares = effect.reshape(len(effect), -1, 3) * seconds[:, None]
+            for axis, column in enumerate((levels - levels.min(axis=0)).T):
+                found += [float(np.sum(np.bincount(column, share) ** 2)) for share in shares[:, :, axis]]
+        return found * self.step**2 / 12.0
+
+
+def _step(said: Array) -> float:
+    """Return the largest number of which all values are multiples, by Euclid's algorithm; 0 if none is large enough."""
+    largest = max(float(np.abs(rows).max(initial=0.0)) for rows in in_blocks(said))
+    zero, values = _ZERO * largest, np.zeros(1)
+    for rows in in_blocks(said):
+        values = np.union1d(values, np.abs(rows))
+        if len(values) > _STEPS:
+            return 0.0
+    step = 0.0
+    for value in values:
+        rest = float(value)
+        while rest > zero:
+            step, rest = rest, abs(step - rest * round(step / rest))
+        if step and step * _STEPS < largest:
+            return 0.0
+    return step
 
 
 def _besides(columns: Array, column: int, others: list[int]) -> Array:

@@ -40,3 +40,27 @@ def test_of_a_motion_that_tells_a_lag_it_is_told() -> None:
     assert found.lag_s == pytest.approx(0.06, abs=4.0 * found.lag_error_s)
     assert found.large
     assert found.scale == 0.0
+
+
+def drive(step: float, seed: int) -> TwistFit:
+    """Return the fit to a drive along an oblique axis, with noise below the `step` to which the velocity is rounded."""
+    random = np.random.default_rng(seed)
+    times = np.arange(1000) * 100_000_000
+    position = np.outer(np.clip((times * 1e-9 - 40.0) * 0.5, 0.0, 2.0), (0.951, -0.286, 0.118))
+    velocity = np.gradient(position, 0.1, axis=0) + 0.07 * step * random.standard_normal(position.shape)
+    velocity = step * np.rint(velocity / step)
+    return fit_of_twist(times, np.diff(position, axis=0), times, velocity, 0.0)
+
+
+def test_rounding_of_the_velocity_of_a_straight_drive_is_no_error_of_it() -> None:
+    found = [drive(step, seed) for step in (0.003, 0.0065, 0.02, 0.05, 0.12) for seed in range(20)]
+    assert not [fit for fit in found if fit.scale or fit.turn]
+
+
+def test_axes_of_a_rounded_velocity_are_told() -> None:
+    # The path turns through all directions.
+    position = np.stack([np.sin(0.6 * SECONDS), np.cos(0.9 * SECONDS), np.sin(1.4 * SECONDS)], axis=1)
+    turned = np.gradient(position, 0.01, axis=0) + np.cross((0.0, 0.0, -0.1), np.gradient(position, 0.01, axis=0))
+    fit = fit_of_twist(TIMES, np.diff(position, axis=0), TIMES, 0.01 * np.rint(turned / 0.01), 0.0)
+    assert fit.turned == pytest.approx((0.0, 0.0, 0.1), abs=4.0 * fit.turn_error)
+    assert fit.large
