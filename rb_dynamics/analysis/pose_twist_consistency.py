@@ -567,10 +567,11 @@ def _windows(both: _Both, of: str, columns: slice, reading: TwistReading, floor:
     length = _SECOND if whole >= _SECOND * _LEAST_WINDOWS else _SHORTER
     while length * _LEAST_WINDOWS <= max(whole, _SHORTER * _LEAST_WINDOWS):
         window, sums = _sums(both, of, columns, reading, length)
-        seconds, did, told = sums[:, 0] * 1e-9, sums[:, 1:4], sums[:, 4:7]
+        seconds, did, told, pieces = sums[:, 0] * 1e-9, sums[:, 1:4], sums[:, 4:7], sums[:, 7]
         size = np.maximum(np.linalg.norm(did, axis=1), np.linalg.norm(told, axis=1))
         error = np.linalg.norm(did - told, axis=1)
-        kept = (size > floor) & (seconds >= 0.5e-9 * length)
+        # The noise of the ends of each piece adds up.
+        kept = (size > floor * np.sqrt(pieces)) & (seconds >= 0.5e-9 * length)
         if int(kept.sum()) >= _LEAST_WINDOWS:
             ratio, sure = error[kept] / size[kept], error[kept]
             if known and ratio.max() > _PART:
@@ -611,9 +612,9 @@ def _halving(
 
 
 def _sums(both: _Both, of: str, columns: slice, reading: TwistReading, length: int) -> tuple[Times, Array]:
-    """Return the number of each window of a stretch, and sums in it: its ns, the change, and what the twist says."""
+    """Return the number of each window, and sums in it: ns, the change, what the twist says, pieces without gaps."""
     numbers: list[Times] = [np.empty(0, np.int64)]
-    found: list[Array] = [np.empty((0, 7))]
+    found: list[Array] = [np.empty((0, 8))]
     last, carried = (-1, -1), found[0]
     for part in both.rows():
         judged = both.stretch[part] >= 0
@@ -622,11 +623,13 @@ def _sums(both: _Both, of: str, columns: slice, reading: TwistReading, length: i
         times = both.time_ns[part.start : part.stop + 1]
         rows = [np.diff(times)[:, None], both.changes(of, part, reading.attitude), both.said(columns, reading, part)]
         stretch, window = both.stretch[part][judged], ((times[:-1] - both.time_ns[0]) // length)[judged]
-        begins = np.append(True, (np.diff(stretch) != 0) | (np.diff(window) != 0))
+        begins = np.append(True, np.diff(window) != 0)
+        piece = begins | np.append(True, np.diff(stretch) != 0)
+        piece[0] = (int(stretch[0]), int(window[0])) != last
         # What stands for the part of a window in the block before is added up first, as it came.
-        goes_on = (int(stretch[0]), int(window[0])) == last
+        goes_on = int(window[0]) == last[1]
         label = np.append(np.zeros(len(carried) if goes_on else 0, np.intp), np.cumsum(begins) - 1)
-        values = np.concatenate([carried if goes_on else carried[:0], np.hstack(rows)[judged]])
+        values = np.concatenate([carried if goes_on else carried[:0], np.c_[np.hstack(rows)[judged], piece]])
         sums: Array = np.array([np.bincount(label, column) for column in values.T], dtype=np.float64).T
         if goes_on:
             numbers[-1], found[-1] = numbers[-1][:-1], found[-1][:-1]

@@ -185,6 +185,13 @@ def test_a_recording_of_a_second_is_judged() -> None:
     assert "in degrees per second" in failing(bag_of(motion, twist_rows=WRONG["degrees"][0](motion)))[TURNS]
 
 
+def test_a_recording_that_often_lacks_a_sample_is_judged() -> None:
+    """No second has half a second without a gap."""
+    motion = precessing().taken(np.flatnonzero(np.arange(1000) % 40))
+    assert TURNS not in failing(bag_of(motion))
+    assert "in degrees per second" in failing(bag_of(motion, twist_rows=WRONG["degrees"][0](motion)))[TURNS]
+
+
 def test_a_wrong_sign_of_an_axis_about_which_the_body_turns_little_is_told() -> None:
     """The difference is small beside the whole rate; it used to pass, and no inertia then explained the motion."""
     motion, axis = spin(rate=2.0), np.array([0.8, 0.08, np.sqrt(1.0 - 0.8**2 - 0.08**2)])
