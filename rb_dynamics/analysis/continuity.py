@@ -366,7 +366,7 @@ def smallest_change(series: TimeSeries, columns: slice, *, turns: bool) -> float
 def _step(pose: TimeSeries, columns: slice) -> float:
     """Return the smallest change of a number to one of the next two samples: of rounded numbers, the step.
 
-    The second next, as bodies may alternate.
+    The second next, as bodies may alternate. What the last digits of a calculation change is the least.
     """
     rounding = (
         100.0
@@ -377,7 +377,7 @@ def _step(pose: TimeSeries, columns: slice) -> float:
     for rows in in_blocks(pose.values[:, columns], 2):
         for changed in (np.abs(np.diff(rows, axis=0)), np.abs(rows[2:] - rows[:-2])):
             found = min(found, float(changed.min(initial=math.inf, where=changed > rounding)))
-    return found if math.isfinite(found) else 0.0
+    return found if math.isfinite(found) else rounding
 
 
 def _others(track: Track, extent: float) -> tuple[Other, ...]:

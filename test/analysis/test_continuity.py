@@ -210,6 +210,17 @@ def test_a_body_whose_position_is_rounded_to_millimetres_is_one(noise: float, wi
     assert (found.jumps, found.returns) == ((), None)
 
 
+@pytest.mark.parametrize("with_twist", [True, False])
+def test_a_body_in_one_place_whose_last_digits_change_is_one(with_twist: bool) -> None:
+    """As where a chain of transforms gives the position."""
+    motion = tumble(1.0)
+    random = np.random.default_rng(1)
+    motion.position = 1.0 + np.finfo(float).eps * random.integers(0, 2, (1000, 1)) * [1.0, 0.0, 0.0]
+    found = continuity(read_track(bag_of(motion, with_twist=with_twist)))
+    assert found is not None
+    assert (found.jumps, found.returns) == ((), None)
+
+
 @pytest.mark.parametrize("turns", [True, False])
 def test_two_bodies_at_rest_are_no_rounding(turns: bool) -> None:
     """Without noise, their distance was taken for the step of the rounding."""
