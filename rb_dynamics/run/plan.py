@@ -85,8 +85,7 @@ class Plan:
         # A choice of one needs no trials.
         candidates = CANDIDATES[self.takes] if scene.solver.method == "auto" else (scene.solver.method,)
         self._method = METHODS[candidates[0]] if len(candidates) == 1 else None
-        if self._method is not None and self._method.takes < self.takes:
-            raise SceneError(cannot_take(scene, self._method, self.takes))
+        check_method(scene)
         self.name = scene.solver.method
         # Arcs with transients are short and take short steps, so they are no guide to others.
         self._choice, self._gradual_choice = _Choice(), _Choice()
@@ -342,6 +341,17 @@ def _turns_nothing(scene: Scene) -> bool:
     """Return whether all effects are forces that are constant in the world."""
     held = [scene.frames.hold(wrench) for _, entries in scene.combined_effects.schedules() for _, wrench in entries]
     return scene.combined_effects.takes == LoadDependence.HELD and all(map(is_free, held))
+
+
+def check_method(scene: Scene) -> None:
+    """Check that the method of `scene` supports its load.
+
+    Raises:
+        SceneError: it does not.
+    """
+    takes, name = scene.combined_effects.takes, scene.solver.method
+    if name != "auto" and METHODS[name].takes < takes:
+        raise SceneError(cannot_take(scene, METHODS[name], takes))
 
 
 def cannot_take(scene: Scene, method: Method, takes: LoadDependence) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rb_dynamics.errors import ConvergenceError, SceneError
 from rb_dynamics.numerics.nanoseconds import sample_ns
+from rb_dynamics.run.plan import check_method
 from rb_dynamics.run.sample import too_long
 from rb_dynamics.run.sample_arrays import Samples
 from rb_dynamics.scene.model import Scene
@@ -67,11 +68,13 @@ def simulate_block(
     `tell` is called at observations with the number of runs done, of those under way the part.
 
     Raises:
-        SceneError: a user function cannot be loaded, or lacks what it needs on this machine.
+        SceneError: a user function cannot be loaded, or lacks what it needs on this machine; or the method does not
+            support the base scene.
     """
     import numpy as np
 
     names, scenes = [each.name for each in campaign.inputs], scenes_of(campaign)
+    check_method(scenes.base)
     table = inputs(campaign, first, last)
     errors: dict[int, str] = {}
     runs = []
@@ -79,7 +82,10 @@ def simulate_block(
         values = dict(zip(names, row, strict=True))
         try:
             check_values(values)
-            runs.append(_Run(number, values, scenes.scene(values, number)))
+            scene = scenes.scene(values, number)
+            # A lag or a ramp may be dispersed, and a method may only do without.
+            check_method(scene)
+            runs.append(_Run(number, values, scene))
         except SceneError as error:
             errors[number] = str(error)
     metrics = {metric.name: np.full(last - first, math.nan) for metric in campaign.metrics}

@@ -365,6 +365,29 @@ metrics: {final_rate: {final: rate}}
     assert found["passed"].sum() == 2
 
 
+def test_a_load_that_the_method_does_not_support_concerns_its_own_run(tmp_path: Path) -> None:
+    scene = SCENE.replace("wrenches: []", "wrenches: [{topic: push, lag: 0.0}]")
+    scene = scene.replace("{method: rk4, step: 0.05}", "{method: taylor, accuracy: 1.0e-9}")
+    text = """\
+scene: scene.yaml
+runs: 12
+seed: 1
+disperse: {"wrenches[0].lag": {choice: {values: [0.0, 0.05]}}}
+metrics: {final_rate: {final: rate}}
+"""
+    campaign = read_campaign(write(tmp_path, text, scene))
+    found = simulate_block(campaign, 0, 12)
+    lags = found["wrenches[0].lag"]
+    assert 0 < np.count_nonzero(lags) < 12
+    assert ["supports push/lag" in error for error in found["error"]] == [lag > 0.0 for lag in lags]
+    assert np.isfinite(found["final_rate"][lags == 0.0]).all()
+
+    # All fail if the base scene does: it is refused at once.
+    campaign = read_campaign(write(tmp_path, text, scene.replace("lag: 0.0", "lag: 0.05")))
+    with pytest.raises(SceneError, match="supports push/lag"):
+        simulate_block(campaign, 0, 12)
+
+
 OWN = """\
 import numpy as np
 
