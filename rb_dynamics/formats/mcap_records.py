@@ -421,11 +421,9 @@ class McapFile:
         """
         before = -1
         for opcode, content in records:
-            is_index = content[2:6] == (max(len(content), 6) - 6).to_bytes(4, "little")
-            if before == Opcode.CHUNK and opcode == Opcode.MESSAGE and is_index:
-                self.damage.append(
-                    str(self._damage("has an index of a chunk that is called a message; it is left out"))
-                )
+            if (before, opcode) == (Opcode.CHUNK, Opcode.MESSAGE) and _is_index(content):
+                what = "has an index of a chunk that is called a message; it is left out"
+                self.damage.append(str(self._damage(what)))
                 continue
             before = opcode
             yield opcode, content
@@ -1080,6 +1078,11 @@ def _in_a_row(file: BinaryIO, at: int, size: int) -> bool:
         if opcode == Opcode.FOOTER:
             return length == _FOOTER.size and at == size - len(MAGIC)
     return True
+
+
+def _is_index(content: bytes) -> bool:
+    """Return whether a record is an index of messages by its content: channel, length, and so many bytes."""
+    return len(content) >= 6 and int.from_bytes(content[2:6], "little") == len(content) - 6
 
 
 def _header_length(file: BinaryIO, start: int) -> int | None:
