@@ -71,9 +71,9 @@ LIMITS = (
     "Python compiles their methods as it defines them. Without imports, in one process, `simulate` takes as long as "
     "heyoka: half of it is the kernel, one step of order 6 with its error estimate between two commands, a fifth "
     "taking commands in and checking them, and a seventh putting commands, knots and outputs in order. An hour of "
-    "commands is limited by what a command costs to read, hash and log. Of what an MCAP log takes, a quarter is "
-    "compression (zstd), a third putting messages into chunks, and a tenth checksums; of what Rerun takes, nearly "
-    "half is spent in its own library.\n"
+    "commands is limited by what a command costs to read, hash and log. Of what an MCAP log takes without the motion, "
+    "two fifths are compression (zstd), and a twelfth checksums; of what Rerun takes, about half is spent in its own "
+    "library.\n"
 )
 
 
