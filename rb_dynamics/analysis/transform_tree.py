@@ -48,13 +48,18 @@ class FramePose:
     far_ns: tuple[int, ...]
 
 
-def pairs(bag: Bag) -> dict[tuple[str, str], Topic]:
-    """Return the topic of each pair of frames, parent and child, of which a bag has transforms."""
+def pairs(bag: Bag, without: Topic | None = None) -> dict[tuple[str, str], Topic]:
+    """Return the topic of each pair of frames, parent and child, of which a bag has transforms.
+
+    Of several, as on /tf of two namespaces, the first that moves counts, else the first; `without` does not.
+    """
     found: dict[tuple[str, str], Topic] = {}
     for topic in bag.topics.values():
-        if topic.type_name == TRANSFORM and topic.count:
+        if topic.type_name == TRANSFORM and topic.count and topic is not without:
             texts = topic.kinds[0][0]
-            found.setdefault((texts[0].lstrip("/"), texts[1].lstrip("/")), topic)
+            frames = texts[0].lstrip("/"), texts[1].lstrip("/")
+            if frames not in found or (is_fixed(found[frames]) and not is_fixed(topic)):
+                found[frames] = topic
     return found
 
 
@@ -80,12 +85,10 @@ def pose_between(bag: Bag, world: str, body: str) -> FramePose:
 
 def other_ways(bag: Bag, world: str, body: str) -> list[str]:
     """Return one sentence for each other way from `world` to `body`: in a tree there is none, and they may differ."""
-    known = pairs(bag)
-    steps = _path(known, world.lstrip("/"), body.lstrip("/"))
+    steps = _path(pairs(bag), world.lstrip("/"), body.lstrip("/"))
     found: dict[tuple[str, ...], str] = {}
     for used, _ in steps:
-        rest = {frames: topic for frames, topic in known.items() if topic is not used}
-        if other := _path(rest, world.lstrip("/"), body.lstrip("/")):
+        if other := _path(pairs(bag, used), world.lstrip("/"), body.lstrip("/")):
             names = tuple(topic.name for topic, _ in other)
             found[names] = found.get(names) or (
                 f"The transforms also lead from {world} to {body} by {', '.join(names)}, where a tree has one way: "

@@ -246,6 +246,25 @@ def test_transforms_that_lead_to_a_frame_in_two_ways_are_named(tmp_path: Path) -
     assert [note for note in compare(bag, alone, topics=choice).notes if re.search(told, note)]
 
 
+@pytest.mark.parametrize(("other", "count"), [("/r2/tf", COUNT), ("/tf_static", 1)])
+def test_two_topics_that_join_the_same_frames_are_named(tmp_path: Path, other: str, count: int) -> None:
+    rows = [
+        (topic, TF, t, transforms([transform(t, "odom", "base", [moved, 0.0, 0.0, *row[3:]])]))
+        for topic, moved, size in (("/r1/tf", 0.0, COUNT), (other, 5.0, count))
+        for t, row in zip(TIMES[:size], POSES, strict=False)
+    ]
+    # What is fixed is recorded first, and yet what moves counts.
+    bag = write_bag(tmp_path / "bag", rows[::-1] if count == 1 else rows)
+    track = inspect(bag, topics=TopicChoice(frames=("odom", "base"))).track
+    assert track.pose is not None
+    assert track.pose.values[:, 0].tolist() == [0.0] * COUNT
+    told = rf"also lead from odom to base by {other} odom:base, .* up to 5 m and .* rad apart"
+    assert [note for note in track.notes if re.search(told, note)]
+    table = tmp_path / "poses.csv"
+    assert re.search(told, command("convert", bag, table, "--frames", "odom:base").stderr)
+    assert len(table.read_text().splitlines()) == 1 + len(TIMES)
+
+
 def test_one_moving_frame_is_the_pose_and_of_several_none_is_guessed() -> None:
     one = [("/tf", TF, t, transforms([transform(t, "map", "base", row)])) for t, row in zip(TIMES, POSES, strict=True)]
     np.testing.assert_array_equal(recorded(one).pose.values, POSES)
