@@ -73,8 +73,8 @@ LIMITS = (
     "taking commands in and checking them, and a seventh putting commands, knots and outputs in order. An hour of "
     "commands is limited by what a command costs to read, hash and log. Of what an MCAP log takes without the motion, "
     "two fifths are compression (zstd), and a twelfth checksums; of what Rerun takes, about half is spent in its own "
-    "library.\n\nTimes on a machine that others share vary: of seven measurements of these rates within 75 minutes, MCAP "
-    "had 1.2 to 2.2 million messages/s and Rerun 1.9 to 2.7 million rows/s.\n"
+    "library.\n\nTimes on a machine that others share vary: of seven measurements of these rates within 75 minutes, "
+    "MCAP had 1.2 to 2.2 million messages/s and Rerun 1.9 to 2.7 million rows/s.\n"
 )
 
 
