@@ -336,7 +336,7 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     samples return as closely, but most of those that are rounded to steps as large as the noise.
     """
     sizes, start = [np.empty(0)], pose.time_ns[0]
-    smallest = smallest_change(pose, slice(3, 7) if turns else slice(0, 3), turns=turns)
+    smallest = smallest_change(pose, pose_columns(turns=turns), turns=turns)
     if known := twist is not None and len(twist.time_ns) > 0:
         part = slice(3, 6) if turns else slice(0, 3)
         rates = np.nan_to_num(sizes_of(twist.values[:, part]))
@@ -354,6 +354,11 @@ def _returns(pose: TimeSeries, twist: TimeSeries | None, *, turns: bool) -> Retu
     returned = np.concatenate(sizes)
     share = len(returned) / max(len(pose.time_ns) - _LAST, 1)
     return Returns(turns, share, float(np.median(returned))) if share > _RETURNS else None
+
+
+def pose_columns(*, turns: bool) -> slice:
+    """Return the columns of the attitude of a pose, or of its position."""
+    return slice(3, 7) if turns else slice(0, 3)
 
 
 def smallest_change(series: TimeSeries, columns: slice, *, turns: bool) -> float:
@@ -466,16 +471,16 @@ def _jumps(track: Track, time_ns: Times, size: Array, least: float, *, turns: bo
 
 
 def _there_and_back(pose: TimeSeries | None, at: NDArray[np.intp], gone: Array, *, turns: bool) -> NDArray[np.bool_]:
-    """Return which of the changes after these samples, by so much, lead away and back, from and to a pose that rests.
+    """Return which changes, of the sizes `gone` after the samples `at`, take a pose at rest away and back.
 
-    Both within a few samples, and farther than rounding does.
+    Both happen within a few samples, and by more than rounding.
     """
     first = np.flatnonzero(np.append(True, np.diff(at) > _REPEATS))
     last = np.append(first[1:], len(at)) - 1
     found = (last > first) & (at[last] - at[first] <= _AROUND)
     if pose is None or not found.any():
         return np.zeros(len(at), dtype=bool)
-    columns = slice(3, 7) if turns else slice(0, 3)
+    columns = pose_columns(turns=turns)
     found &= (at[first] >= _REPEATS) & (at[last] < len(pose.values) - 1 - _REPEATS)
     found &= gone[first] > smallest_change(pose, columns, turns=turns)
     ends = [pose.values[rows, columns] for rows in (at[first], at[last] + 1)]

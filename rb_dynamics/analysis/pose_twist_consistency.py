@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.continuity import smallest_change
+from rb_dynamics.analysis.continuity import pose_columns, smallest_change
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.noise import noise_of_path, typical_at
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
@@ -512,8 +512,8 @@ def _judged(of: str, both: _Both, readings: list[TwistReading]) -> Agreement:
     if found is not None and not filled:
         # Rounding takes a pose at rest away and back.
         turns = of == "attitude"
-        numbers = slice(3, 7) if turns else slice(0, 3)
-        floor = max(floor, smallest_change(TimeSeries("", both.time_ns, both.pose), numbers, turns=turns))
+        pose = TimeSeries("", both.time_ns, both.pose)
+        floor = max(floor, smallest_change(pose, pose_columns(turns=turns), turns=turns))
         found = compared(given)
     if found is None:
         moves = "turns" if of == "attitude" else "moves"
