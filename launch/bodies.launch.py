@@ -26,7 +26,7 @@ ARGUMENTS = (
     ("scene", None, "scene file, or file of bodies: {bodies: {NAME: {scene: FILE, ...}, ...}} (YAML)"),
     ("count", "2", "how many bodies of a scene"),
     ("prefix", "body_", "the namespaces are prefix1, prefix2, ..."),
-    ("spacing", "1.0", "m between the bodies, along y of the world or as in [1.0, 0.0, 0.5]"),
+    ("spacing", "1.0", "m from one body to the next, along y of the world or as in [1.0, 0.0, 0.5]"),
 )
 # Set individually for each body.
 LOGS = ("mcap", "bag", "rerun")
@@ -47,20 +47,19 @@ def body_arguments(name: str, overrides: dict[str, object], given: dict[str, str
 
 
 def all_overrides(given: dict[str, str]) -> dict[str, dict[str, object]]:
-    """Return the overrides of each body by name: a file's go before those for all, and these before its place."""
+    """Return the overrides of each body by name: its own go before those for all."""
     shared = values_of("overrides", given.get("overrides", ""))
-    from_file = is_bodies(given["scene"])
-    if from_file:
+    if is_bodies(given["scene"]):
         bodies = bodies_in(given["scene"])
     else:
         count, spacing = value_of("count", given["count"], int), spacing_of(given["spacing"])
         if count < 1:
             raise ValueError(f"argument count: found {count}, expected a number of bodies, 1 or more")
-        bodies = side_by_side(count, given["prefix"], spacing)
+        bodies = side_by_side(given["scene"], shared, count, given["prefix"], spacing)
     found = {}
     for name, own in bodies.items():
         common = shared | {log: apart(shared[log], name) for log in (*LOGS, "sink") if shared.get(log)}
-        found[name] = common | own if from_file else own | common
+        found[name] = common | own
     return found
 
 

@@ -56,12 +56,10 @@ def _body(name: str, own: Mapping[str, object], others: Sequence[str]) -> RigidB
 
 
 def _asked() -> dict[str, object]:
-    """Return what the arguments say about logs (each body has its own) and about /clock (there is one)."""
+    """Return the parameters that the arguments give to all bodies."""
     asking = Node("rigid_body", allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     try:
-        return {
-            name: asking.get_parameter_or(name, Parameter(name, value="")).value for name in (*LOGS, "publish_clock")
-        }
+        return {name: each.value for name, each in asking.get_parameters_by_prefix("").items()}
     finally:
         asking.destroy_node()
 
@@ -75,22 +73,22 @@ def main(args: Sequence[str] | None = None) -> int:
         "--count", type=whole("a number of bodies, 1 or more", lambda v: v >= 1), help="how many bodies (default: 2)"
     )
     parser.add_argument("--prefix", help="the namespaces are prefix1, prefix2, ... (default: body_)")
-    parser.add_argument("--spacing", help="m between the bodies, along y or as in [1.0, 0.0, 0.5] (default: 1)")
+    parser.add_argument("--spacing", help="m from one body to the next, along y or as in [1.0, 0.0, 0.5] (default: 1)")
     known, ros = parser.parse_known_args(args)
     ros = [argument for argument in ros if argument != "--ros-args"]
     try:
-        parameters = _parameters(known)
+        spacing = spacing_of("1" if known.spacing is None else known.spacing)
         scene = [] if is_bodies(known.scene) else ["-p", parameter("scene", known.scene)]
-        return spin(["--ros-args", *scene, *ros], lambda: bodies(parameters))
+        return spin(["--ros-args", *scene, *ros], lambda: bodies(_parameters(known, spacing)))
     except (RigidBodyError, ValueError) as error:
         sys.stderr.write(f"bodies: {error}\n")
         return 2
 
 
-def _parameters(known: argparse.Namespace) -> dict[str, dict[str, object]]:
+def _parameters(known: argparse.Namespace, spacing: Sequence[float]) -> dict[str, dict[str, object]]:
     if not is_bodies(known.scene):
-        spacing = spacing_of("1" if known.spacing is None else known.spacing)
-        return side_by_side(known.count or 2, "body_" if known.prefix is None else known.prefix, spacing)
+        prefix = "body_" if known.prefix is None else known.prefix
+        return side_by_side(known.scene, _asked(), known.count or 2, prefix, spacing)
     given = [f"--{name}" for name in ("count", "prefix", "spacing") if getattr(known, name) is not None]
     if given:
         raise SceneError(f"{given[0]}: found it together with a file of bodies, which says that itself; leave it out")

@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.document import Node
 from rb_dynamics.formats.yaml.problems import Problems, printable
 from rb_dynamics.numerics.number_parsing import real_number, whole_number
+from rb_dynamics.scene.read import ROOT_KEYS, read_scene
 
 LOGS = ("mcap", "bag", "rerun", "sink")
 """The parameters that request a log."""
@@ -88,9 +89,20 @@ def spacing_of(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def side_by_side(count: int, prefix: str, spacing: Sequence[float]) -> dict[str, dict[str, object]]:
-    """Return the parameters of `count` bodies, by their names: prefix1, prefix2, ..."""
-    return {f"{prefix}{k + 1}": {"initial.position_world": [k * each for each in spacing]} for k in range(count)}
+def side_by_side(
+    scene: str, given: Mapping[str, object], count: int, prefix: str, spacing: Sequence[float]
+) -> dict[str, dict[str, object]]:
+    """Return the parameters of `count` bodies, by their names: prefix1, prefix2, ...
+
+    The first starts where the scene, with the parameters `given` to all, puts it.
+
+    Raises:
+        SceneError: the scene is not valid.
+    """
+    overrides = {name: value for name, value in given.items() if re.split(r"[.[]", name)[0] in ROOT_KEYS}
+    first = read_scene(scene, overrides).initial.position_world
+    places = [[x + k * each for x, each in zip(first, spacing, strict=True)] for k in range(count)]
+    return {f"{prefix}{k + 1}": {"initial.position_world": place} for k, place in enumerate(places)}
 
 
 def bodies_in(path: str) -> dict[str, dict[str, object]]:

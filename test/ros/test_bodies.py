@@ -54,6 +54,21 @@ def test_each_body_hears_its_own_commands_and_keeps_its_own_log(scene: Path, pee
         assert read_bag(tmp_path / f"flight_body_{k}").complete
 
 
+def test_bodies_of_a_scene_start_beside_the_place_that_it_gives(scene: Path, peer: Peer) -> None:
+    scene.write_text(scene.read_text().replace("initial: {", "initial: {position_world: [7, 8, 9], "))
+    for given, place in ((), (7.0, 8.0, 9.0)), (("-p", "initial.position_world:=[1.0, 2.0, 3.0]"), (1.0, 2.0, 3.0)):
+        command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--prefix", f"at_{place[0]:.0f}_"]
+        with subprocess.Popen([*command, "--ros-args", *given]) as process:
+            try:
+                odometry = [peer.listen(Odometry, f"/at_{place[0]:.0f}_{k}/odom") for k in (1, 2)]
+                peer.until(lambda found=odometry: all(found), "motion of both")
+            finally:
+                process.kill()
+        first, second = (each[0].pose.pose.position for each in odometry)
+        assert (first.x, first.y, first.z) == place
+        assert (second.x, second.y, second.z) == (place[0], place[1] + 1.0, place[2])
+
+
 def test_a_node_runs_beside_others_in_an_executor_of_ones_own(scene: Path, peer: Peer, tmp_path: Path) -> None:
     log, heard = tmp_path / "run.mcap", list[Odometry]()
     given = {"scene": str(scene), "mcap": str(log), "duration": 1.5, "stamps": "simulation"}

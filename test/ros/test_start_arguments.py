@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -50,13 +51,23 @@ def test_what_means_no_values_is_named(text: str, named: str) -> None:
 def test_spacing_is_along_y_or_in_any_direction() -> None:
     assert spacing_of("-2") == (0.0, -2.0, 0.0)
     assert spacing_of("[1, 0, 0.5]") == (1.0, 0.0, 0.5)
-    assert side_by_side(2, "b", (1.0, 0.0, 0.5)) == {
-        "b1": {"initial.position_world": [0.0, 0.0, 0.0]},
-        "b2": {"initial.position_world": [1.0, 0.0, 0.5]},
-    }
     for text in ("", "[1, 2]", "inf", "[1, 2, x]"):
         with pytest.raises(ValueError, match="argument spacing: found"):
             spacing_of(text)
+
+
+def test_bodies_stand_beside_the_place_that_is_given(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {}\ninitial: {position_world: [7, 8, 9]}\n")
+    given: dict[str, object] = {"body.mass": 2.0, "pose_covariance": [1.0] * 6}
+    assert side_by_side(str(scene), given, 2, "b", (1.0, 0.0, 0.5)) == {
+        "b1": {"initial.position_world": [7.0, 8.0, 9.0]},
+        "b2": {"initial.position_world": [8.0, 8.0, 9.5]},
+    }
+    given["initial.position_world"] = [1, 2, 3]
+    assert list(side_by_side(str(scene), given, 1, "b", (1.0, 0.0, 0.5)).values()) == [
+        {"initial.position_world": [1.0, 2.0, 3.0]}
+    ]
 
 
 def test_a_number_is_a_plain_decimal() -> None:
