@@ -279,18 +279,8 @@ def scene_overrides(parameters: Iterable[Parameter]) -> dict[str, object]:
 
 
 def changed_state(parameters: Iterable[Parameter], state: State) -> State | None:
-    """Return `state` with the parts that `parameters` set; None if they set nothing.
-
-    Raises:
-        SceneError: a parameter is not a list of numbers.
-    """
-    values: dict[str, Any] = {}
-    for parameter in parameters:
-        if parameter.name in STATE:
-            try:
-                values[parameter.name.removeprefix("state.")] = tuple(parameter.value)
-            except TypeError:
-                raise SceneError(f"parameter {parameter.name}: found {parameter.value!r}, expected numbers") from None
+    """Return `state` with the parts that `parameters` set, whatever they are; None if they set nothing."""
+    values: dict[str, Any] = {each.name.removeprefix("state."): each.value for each in parameters if each.name in STATE}
     if "orientation" in values:
         values["orientation_xyzw"] = values.pop("orientation")
     return replace(state, **values) if values else None

@@ -41,7 +41,7 @@ class StateChange:
         """
         try:
             state = state.checked("state")
-        except ValueError as error:
+        except (TypeError, ValueError) as error:
             raise SceneError(str(error)) from None
         if body.is_particle and state.angular_velocity_body != ZERO:
             raise SceneError(

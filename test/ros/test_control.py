@@ -220,7 +220,15 @@ def test_motion_capture_moves_the_body_within_one_run_that_replays(tmp_path: Pat
         assert set_together(peer, state__angular_velocity_body=spin, state__orientation=tilted) == (True, "")
         peer.until(lambda: odometry[-1].twist.twist.angular.y == pytest.approx(1.0, abs=0.1), "the spin")
         assert odometry[-1].pose.pose.position.x == pytest.approx(0.99, abs=0.2)
-        for wrong, expected in (([1, 1], "state.orientation"), ([0.0, 0.0, 0.0, 2.0], "divide it by its norm")):
+        for wrong, expected in (
+            ([1, 1], "state.orientation"),
+            ([0.0, 0.0, 0.0, 2.0], "divide it by its norm"),
+            # What `ros2 param set` makes of a value without brackets.
+            ("0, 0, 0, 1", "is '0, 0, 0, 1', expected"),
+            (1.0, "write four numbers"),
+            ([True] * 4, "write four numbers"),
+            (["0"] * 4, "write four numbers"),
+        ):
             done, reason = set_together(peer, state__orientation=wrong)
             assert (done, expected in reason) == (False, True), reason
         assert node.stop() == 0
