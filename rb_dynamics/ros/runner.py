@@ -406,10 +406,12 @@ class Runner:
 
         `sent` is ROS time at which it was sent and came (ns), and its sequence number, if latencies matter.
         """
+        # Once: the clock goes on while the command is taken.
+        arrived_ns = self._arrived_ns(age_ns)
         offset_ns = self.pacer.offset_ns
         by_stamp = self.lockstep or (self._mode.apply_at == "stamp" and wrench.stamp_ns != 0 and offset_ns is not None)
         stamp_ns = wrench.stamp_ns - (offset_ns or 0)
-        time_ns = stamp_ns if by_stamp else max(self._arrived_ns(age_ns), self._latest_ns[topic])
+        time_ns = stamp_ns if by_stamp else max(arrived_ns, self._latest_ns[topic])
         if by_stamp and isinstance(self.pacer, ClockFollower) and self.pacer.is_over(wrench.stamp_ns):
             self.health.superseded(topic)
             self.health.warn(
@@ -441,7 +443,7 @@ class Runner:
         self.health.accepted(topic, arrival)
         self._pace(topic, time_ns)
         if sent is not None:
-            self._time(topic, sent, max(time_ns, computed_ns) - self._arrived_ns(age_ns))
+            self._time(topic, sent, max(time_ns, computed_ns) - arrived_ns)
         if self.lockstep and wrench.stamp_ns == 0 and arrival is Arrival.DUPLICATE:
             self.health.warn(
                 f"{topic}: two commands without a stamp; in lockstep time advances only to the newest stamp, so stamp "

@@ -88,6 +88,14 @@ def test_steps_are_output_periods_however_they_are_asked_for() -> None:
     assert not many.behind
 
 
+def test_a_command_that_acts_on_arrival_does_not_act_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, written = runner(mode=Mode(log_latency=True)), list[Any]()
+    monkeypatch.setattr(body.simulation, "write", written.append)
+    time.sleep(0.005)
+    body.command("wrench", Wrench(force=(1.0, 0.0, 0.0)), age_ns=1_000_000, sent=(3_000, 5_000, 1))
+    assert [each.acted_ns for each in written] == [5_000]
+
+
 def test_a_new_mass_keeps_the_velocities_the_stamps_and_what_is_held() -> None:
     body = runner()
     body.command("wrench", Wrench(force=(4.0, 0.0, 0.0), frame_id="world"))
