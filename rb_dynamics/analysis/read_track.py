@@ -8,6 +8,7 @@ are not guessed.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -57,8 +58,10 @@ from rb_dynamics.numerics.growing_array import stored
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all
 from rb_dynamics.scene.model import Scene
 
-# ns by which a command to a thruster, which has no stamp, may have been recorded too late beside others.
+# ns by which a command without a stamp may have been recorded too late beside others.
 _LATE_NS = 20_000_000
+# Stamps that are all whole multiples of a shorter time, ns, are rounded to it; of a longer one, a clock ticks so.
+_TICK_NS = 10_000_000
 OF_SCENE = "the scene has"
 """How a note begins that says what of the scene acts, but is not recorded."""
 
@@ -961,12 +964,14 @@ def _steps(
     times = np.array([wrench.stamp_ns if stamped else log_time for log_time, wrench in commands], dtype=np.int64)
     times = times if stamped else line.stamps(times)
     moved = np.empty(0, np.int64)
+    logged = np.array([log_time for log_time, _ in commands], dtype=np.int64)
     if stamped and RUN not in bag.metadata:
-        logged = np.array([log_time for log_time, _ in commands], dtype=np.int64)
         lags = StrayStamps()
         lags.add(logged, times)
         if found := lags.found:
             moved, times = times[found.among(logged, times)], found.placed(logged, times)
+    by_log = (bag.unset.get(topic, 0) + len(moved)) / max(len(times), 1) if stamped else 1.0
+    within_ns = 0 if RUN in bag.metadata else _within_ns(logged, times, by_log, line)
     far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
     if len(far):
         near = np.flatnonzero(~np.isin(times, far))
@@ -996,8 +1001,18 @@ def _steps(
         channel=limits,
         far_ns=tuple(far.tolist()),
         moved_ns=tuple(moved.tolist()),
-        within_ns=0 if line.drift == 0.0 else round(1e9 * max(line.error_s, line.ends_s)),
+        within_ns=within_ns,
     )
+
+
+def _within_ns(logged: Times, times: Times, by_log: float, line: ClockLine) -> int:
+    """Return how far off the times of commands may be, of which the part `by_log` is from log times; see `_LATE_NS`."""
+    if by_log == 1.0:
+        return max(_LATE_NS, round(1e9 * max(line.error_s, line.ends_s)))
+    if by_log:
+        return round(min(_LATE_NS, int(np.ptp(logged - times))) * math.sqrt(by_log))
+    tick = int(np.gcd.reduce(times)) if len(times) else 0
+    return tick if tick < _TICK_NS else 0
 
 
 def _within(

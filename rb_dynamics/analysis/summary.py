@@ -216,6 +216,8 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     elif left is not None and left.explained and track.twist is not None and track.from_imu(track.twist):
         why = f"{track.twist.topic} has a constant error, as gyros have, with which the inertia explains the motion"
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
+    elif left is not None and left.mistimed:
+        found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
     channels = tuple(_channels(track, health))
     return RunSummary(
         path=str(bag.path),

@@ -159,7 +159,7 @@ class RecordedWrench:
         weight: whether it is the weight by the scene, which goes with the mass that is given.
         far_ns: stamps that are left out because they are far from all the others.
         moved_ns: stamps that are as far, and not those at which the rows take effect: these follow the log times.
-        within_ns: how far off times may be that are taken from log times of another clock; 0 for those of one clock.
+        within_ns: how far off times may be, each by itself, as of commands without stamps or with rounded ones.
     """
 
     topic: str

@@ -9,7 +9,7 @@ it sees smaller changes, in a part of a long recording. Where impulses are not k
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +30,6 @@ from rb_dynamics.analysis.impulse import Impulse, impulse_blocks, wander
 from rb_dynamics.analysis.noise import Labels, Noise, centred, judge, means, typical
 from rb_dynamics.analysis.track import (
     Array,
-    RecordedWrench,
     Times,
     TimeSeries,
     Track,
@@ -123,6 +122,7 @@ class Residual:
         pieces: the unrecorded torque by the fit, where only that tells it from noise.
         fitted_ns: begin and end of the part that was fitted; None if none was.
         factor: of all recorded torques, which explains the motion as well as another inertia; None if none does.
+        mistimed: whether the errors of the times of commands may leave as much.
     """
 
     start_ns: Times
@@ -153,6 +153,7 @@ class Residual:
     pieces: FittedTorque | None
     fitted_ns: tuple[int, int] | None
     factor: float | None = None
+    mistimed: bool = False
 
     @property
     def told(self) -> bool:
@@ -271,9 +272,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
-    mistimed = direct and not explained and _is_mistimed(track, time_ns, turn, stretch, beyond_noise)
-    if not (direct or explained or other) and pieces is not None:
-        mistimed = float(np.linalg.norm(pieces.body, axis=1).max()) <= _late_torque(track)
+    mistimed = "" if explained else _mistimed(track, beyond_noise if direct else np.inf, None if other else pieces)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -302,6 +301,7 @@ def residual(track: Track, bound: float) -> Residual | None:
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
         untold=_untold(found, explained, level, scale < np.inf, caused, _actuated(track), mistimed),
+        mistimed=bool(mistimed),
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),
@@ -328,27 +328,20 @@ def _actuated(track: Track) -> str:
     return ", ".join(name for name in bag.actuated if name not in told)
 
 
-def _is_mistimed(track: Track, time_ns: Times, turn: _Pushed, stretch: Labels, left: float) -> bool:
-    """Return whether commands without stamps that another clock logged may be so late that as much is left."""
-
-    def late(wrenches: Sequence[RecordedWrench]) -> tuple[RecordedWrench, ...]:
-        return tuple(replace(each, time_ns=each.time_ns + each.within_ns) for each in wrenches)
-
-    if not any(each.within_ns for each in track.wrenches):
-        return False
-    by_scene = None if track.by_scene is None else late(track.by_scene)
-    shifted = _Pushed.of(replace(track, wrenches=late(track.wrenches), by_scene=by_scene), "torque", time_ns)
-    return left <= _rms(centred(shifted.sums - turn.sums, stretch))
-
-
-def _late_torque(track: Track) -> float:
-    """Return the torque (N m) that is missing on average where commands without stamps are recorded too late."""
-    begin, end = track.span_ns
-    changes = (
-        1e-9 * each.within_ns * float(np.linalg.norm(np.diff(each.torque, axis=0), axis=1).sum())
-        for each in track.wrenches
-    )
-    return sum(changes) / max(1e-9 * (end - begin), 1e-9)
+def _mistimed(track: Track, left: float, pieces: FittedTorque | None) -> str:
+    """Return why commands may act at other times, each by itself, and leave as much: rms, N m s, or an impulse."""
+    off = [each for each in track.wrenches if each.within_ns]
+    changes = [(1e-9 * each.within_ns) ** 2 * float(np.sum(np.diff(each.torque, axis=0) ** 2)) for each in off]
+    if pieces is not None:
+        left = float((np.linalg.norm(pieces.body, axis=1) * 1e-9 * np.diff(pieces.edges_ns)).max())
+    if not off or left > math.sqrt(sum(changes)):
+        return ""
+    topics = [track.bag.topics[each.topic] for each in off]
+    if any(not topic.stamps_given for topic in topics):
+        return "the commands have no stamps, and the error of the times at which they were logged"
+    if any(topic.name in track.bag.unset for topic in topics):
+        return "some of the commands have no stamps, and the error of the times at which they were logged"
+    return "the stamps of commands are rounded or stray, and the error of these times"
 
 
 def _untold(
@@ -358,7 +351,7 @@ def _untold(
     turned: bool,
     caused: bool,
     actuated: str,
-    mistimed: bool,
+    mistimed: str,
 ) -> str:
     """Return why nothing can be said.
 
@@ -369,7 +362,7 @@ def _untold(
         turned: whether the body turned, or a torque acted.
         caused: whether a cause is found of what is not explained.
         actuated: commands to actuators whose wrenches are not recorded.
-        mistimed: whether commands without stamps may be so late that as much is left.
+        mistimed: why the times of commands may be so far off that as much is left, if they may.
     """
     if explained:
         if found is None:
@@ -380,10 +373,7 @@ def _untold(
     if actuated:
         return f"{actuated} may command actuators, and what these did to the body is not recorded"
     if mistimed:
-        return (
-            "the commands have no stamps, and the error of the times at which they were logged would explain what is "
-            "left as well"
-        )
+        return f"{mistimed} would explain what is left as well"
     if found is None:
         return "" if caused else SHORT
     if found.late:

@@ -11,7 +11,7 @@ import pytest
 from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of, fill
 
-from rb_dynamics import Setpoint, TopicChoice, Wrench, inspect, simulate
+from rb_dynamics import MemorySink, Setpoint, TopicChoice, Wrench, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.cli import main
@@ -298,3 +298,40 @@ duration: 4
         (judged,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
         assert (judged.judged, judged.passed) == (False, True)
         assert "/rod/command may command actuators" in judged.detail
+
+
+@pytest.mark.parametrize("unset", [False, True], ids=["rounded", "unset"])
+def test_commands_whose_times_are_known_only_to_some_milliseconds_accuse_nobody(bagger: Any, unset: bool) -> None:
+    """Of stamps in whole milliseconds, or beside which some were not set, so that these act when they were recorded."""
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        times = np.sort(random.integers(500_000_000, 11_500_000_000, 25)).tolist()
+        torques = 0.3 * random.standard_normal((25, 3))
+        scene = parse_scene(
+            f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 12\n"
+            "initial: {angular_velocity_body: [0.3, -0.2, 0.4]}\n"
+        )
+        commands = zip(times, torques.tolist(), strict=True)
+        sent = [("wrench", Wrench((0.0, 0.0, 0.0), tuple(torque), "base", at)) for at, torque in commands]
+        simulate(scene, sent, [memory := MemorySink()])
+        rows: list[Any] = []
+        for sample in memory.samples:
+            t, attitude = sample.time_ns, np.array(sample.orientation_xyzw)
+            velocity = rotate_all_inverse(attitude, np.array(sample.linear_velocity_world))
+            attitude[:3] += 1e-3 * random.standard_normal(3)
+            attitude /= np.linalg.norm(attitude)
+            rate = np.array(sample.angular_velocity_body) + 2e-3 * random.standard_normal(3)
+            rows.append(
+                ("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", (*sample.position_world, *attitude)))
+            )
+            rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", (*velocity, *rate))))
+        for number, (_, wrench) in enumerate(sent):
+            logged = wrench.stamp_ns + 1_000_000 + int(random.integers(3_000_000))
+            stamp = round(wrench.stamp_ns, -6)
+            if unset:
+                stamp = wrench.stamp_ns if number % 4 else 0
+            values = (stamp, "base", (*wrench.force, *wrench.torque))
+            rows.append(("/b/wrench", "geometry_msgs/msg/WrenchStamped", logged, values))
+        left = residual(read_track(read_bag(bagger(rows)), scene), 1e-6)
+        assert left is not None
+        assert left.explained or left.mistimed
