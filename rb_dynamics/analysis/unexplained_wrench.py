@@ -277,7 +277,9 @@ def residual(track: Track, bound: float) -> Residual | None:
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
     mass = fitted_mass(track, turned, moving) if explained or other is not None else None
-    mass = mass or FittedMass(None, np.inf, True)
+    mass = _unless_mistimed(
+        mass or FittedMass(None, np.inf, True), track, body.mass, _rms(centred(moved.speed, stretch))
+    )
     caused = (changes and blamed) or bias is not None or other is not None
     return Residual(
         **wrench,
@@ -328,15 +330,26 @@ def _actuated(track: Track) -> str:
     return ", ".join(name for name in bag.actuated if name not in told)
 
 
+def _late_impulse(track: Track, kind: str) -> float:
+    """Return the impulse of force or torque that is missing where each command acts at a time of its own error."""
+    steps = ((each.within_ns, np.diff(getattr(each, kind), axis=0)) for each in track.wrenches)
+    return math.sqrt(sum((1e-9 * within_ns) ** 2 * float(np.sum(step**2)) for within_ns, step in steps))
+
+
+def _unless_mistimed(found: FittedMass, track: Track, given: float, speed: float) -> FittedMass:
+    """Return the mass, which explains the motion if errors of the times of commands may leave the difference."""
+    if found.explained or found.value is None or found.unit:
+        return found
+    return replace(found, explained=abs(found.value - given) * speed <= _late_impulse(track, "force"))
+
+
 def _mistimed(track: Track, left: float, pieces: FittedTorque | None) -> str:
     """Return why commands may act at other times, each by itself, and leave as much: rms, N m s, or an impulse."""
-    off = [each for each in track.wrenches if each.within_ns]
-    changes = [(1e-9 * each.within_ns) ** 2 * float(np.sum(np.diff(each.torque, axis=0) ** 2)) for each in off]
     if pieces is not None:
         left = float((np.linalg.norm(pieces.body, axis=1) * 1e-9 * np.diff(pieces.edges_ns)).max())
-    if not off or left > math.sqrt(sum(changes)):
+    topics = [track.bag.topics[each.topic] for each in track.wrenches if each.within_ns]
+    if not topics or left > _late_impulse(track, "torque"):
         return ""
-    topics = [track.bag.topics[each.topic] for each in off]
     if any(not topic.stamps_given for topic in topics):
         return "the commands have no stamps, and the error of the times at which they were logged"
     if any(topic.name in track.bag.unset for topic in topics):

@@ -306,13 +306,13 @@ def test_commands_whose_times_are_known_only_to_some_milliseconds_accuse_nobody(
     for seed in range(4):
         random = np.random.default_rng(seed)
         times = np.sort(random.integers(500_000_000, 11_500_000_000, 25)).tolist()
-        torques = 0.3 * random.standard_normal((25, 3))
+        torques, forces = 0.3 * random.standard_normal((25, 3)), 2.0 * random.standard_normal((25, 3))
         scene = parse_scene(
             f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 12\n"
             "initial: {angular_velocity_body: [0.3, -0.2, 0.4]}\n"
         )
-        commands = zip(times, torques.tolist(), strict=True)
-        sent = [("wrench", Wrench((0.0, 0.0, 0.0), tuple(torque), "base", at)) for at, torque in commands]
+        commands = zip(times, forces.tolist(), torques.tolist(), strict=True)
+        sent = [("wrench", Wrench(tuple(force), tuple(torque), "base", at)) for at, force, torque in commands]
         simulate(scene, sent, [memory := MemorySink()])
         rows: list[Any] = []
         for sample in memory.samples:
@@ -335,3 +335,37 @@ def test_commands_whose_times_are_known_only_to_some_milliseconds_accuse_nobody(
         left = residual(read_track(read_bag(bagger(rows)), scene), 1e-6)
         assert left is not None
         assert left.explained or left.mistimed
+        assert left.mass_explained
+
+
+def test_forces_at_rounded_times_accuse_no_mass(bagger: Any) -> None:
+    """Stamps in whole milliseconds move a mass that is known to 1e-4, but hide none that is 2 % off."""
+    scene = parse_scene(f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 12\n")
+    random = np.random.default_rng(2)
+    times = np.sort(random.integers(500_000_000, 11_500_000_000, 25)).tolist()
+    forces = 12.0 * random.standard_normal((25, 3))
+    sent = [
+        ("wrench", Wrench(tuple(force), (0.0, 0.0, 0.0), "world", at))
+        for at, force in zip(times, forces.tolist(), strict=True)
+    ]
+    simulate(scene, sent, [memory := MemorySink()])
+    rows: list[Any] = []
+    for sample in memory.samples:
+        place = np.array(sample.position_world) + 1e-3 * random.standard_normal(3)
+        attitude = np.append(1e-3 * random.standard_normal(3), 1.0)
+        attitude /= np.linalg.norm(attitude)
+        values = (sample.time_ns, "world", (*place.tolist(), *attitude.tolist()))
+        rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", sample.time_ns, values))
+    for _, wrench in sent:
+        at = round(wrench.stamp_ns, -6)
+        rows.append(
+            ("/b/wrench", "geometry_msgs/msg/WrenchStamped", at, (at, "world", (*wrench.force, *wrench.torque)))
+        )
+    bag = read_bag(bagger(rows))
+    left = residual(read_track(bag, scene), 1e-6)
+    assert left is not None
+    assert left.mass is not None
+    assert left.mass_explained
+    heavier = residual(read_track(bag, scene_of(4.08, TRUE, (0.1, -0.2, 0.05))), 1e-6)
+    assert heavier is not None
+    assert not heavier.mass_explained
