@@ -55,6 +55,9 @@ _BLOCKS_EACH = 4
 _AHEAD = 3
 """Blocks per worker submitted to the scheduler at a time."""
 
+_LOOK_S = 0.05
+"""Time between two looks whether a block has come back."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -79,7 +82,8 @@ def run_campaign(
         progress: called after each block, and about every second within one of this process.
 
     Raises:
-        LogError: the rows cannot be written, or the scheduler cannot be reached.
+        LogError: the rows cannot be written, the scheduler cannot be reached or is lost, or a block ends each worker
+            that runs it.
         MissingExtraError: `scheduler` is given, and `distributed` is not installed.
         SceneError: a user function cannot be loaded, or lacks what it needs on this machine.
     """
@@ -216,7 +220,8 @@ def _on_workers(
     plain: _PlainPython,
 ) -> Generator[Columns, None, None]:
     """Yield the rows of blocks as they finish; only a few blocks per worker are submitted at a time."""
-    from distributed import Client, LocalCluster, as_completed
+    from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
+    from distributed.utils import silence_logging_cmgr
 
     with contextlib.ExitStack() as stack:
         if scheduler is None:
@@ -231,6 +236,8 @@ def _on_workers(
             client = stack.enter_context(Client(cluster))
         else:
             try:
+                # What goes wrong is told below, without tracebacks.
+                stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
                 client = stack.enter_context(Client(scheduler, timeout=_PATIENCE_S))
                 client.wait_for_workers(1, timeout=_PATIENCE_S)
             except (OSError, TimeoutError, ValueError) as error:
@@ -241,11 +248,31 @@ def _on_workers(
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
 
         def submit(some: Iterator[tuple[int, int]]) -> list[Any]:
-            return [client.submit(simulate_on_worker, campaign, version(), *each, pure=False) for each in some]
+            futures = []
+            for each in some:
+                futures.append(client.submit(simulate_on_worker, campaign, version(), *each, pure=False))
+                runs[futures[-1].key] = each
+            return futures
 
-        waiting = as_completed(submit(islice(blocks, _AHEAD * workers)))
-        for future in waiting:
-            columns: Columns = future.result()
+        runs: dict[Any, tuple[int, int]] = {}
+        # Results are fetched on arrival: of a worker that is lost with one, it is computed again without blocking here.
+        waiting = as_completed(submit(islice(blocks, _AHEAD * workers)), with_results=True)
+        while _wait(waiting, client):
+            try:
+                future, columns = next(waiting)
+            except KilledWorker as error:
+                first, last = runs[error.args[0]]
+                raise LogError(
+                    f"the runs {first} to {last - 1} ended each worker that ran them, {error.args[2] + 1} in turn: too "
+                    "little memory (give fewer runs with --block), or a law or metric that ends its process; the logs "
+                    "of the workers say more"
+                ) from error
+            if isinstance(columns, CancelledError):
+                raise LogError(
+                    f"lost the scheduler at {scheduler or 'this machine'}; start it and its workers, and the same "
+                    "command again: it continues"
+                ) from columns
+            del runs[future.key]
             # Release it before the next one: the scheduler keeps results that are still referenced.
             future.release()
             for new in submit(islice(blocks, 1)):
@@ -253,6 +280,23 @@ def _on_workers(
                 # A worker that is lost says nothing; the campaign goes on without it.
                 plain.look(lambda: chain.from_iterable(client.run(waited_for, on_error="ignore").values()))
             yield columns
+
+
+def _wait(waiting: Any, client: Any) -> bool:
+    """Wait for the next block that comes back, False if none is left; say so if no worker is there for a while."""
+    begin, told = time.monotonic(), False
+    while not (waiting.is_empty() or waiting.has_ready()):
+        time.sleep(_LOOK_S)
+        if not told and time.monotonic() - begin > _PATIENCE_S:
+            begin = time.monotonic()
+            told = client.scheduler_info(n_workers=-1).get("workers") == {}
+            if told:
+                _log.warning(
+                    "no worker is left: the campaign goes on as soon as one joins, or press Ctrl-C and start the same "
+                    "command later, which continues; the logs of the workers say why they ended, such as without "
+                    "rb_dynamics"
+                )
+    return not waiting.is_empty()
 
 
 def simulate_on_worker(campaign: Campaign, commander: str, first: int, last: int) -> Columns:

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -744,6 +744,57 @@ def test_killed_half_way_and_started_again(tmp_path: Path) -> None:
         assert child.wait(timeout=90) == 0, (tmp_path / "log.txt").read_text()
     assert f"note: {5 * left} of 200 runs are on disk already" in (tmp_path / "log.txt").read_text()
     assert out.read_bytes() == fly(campaign, tmp_path / "here.parquet")
+
+
+@pytest.mark.slow
+def test_a_law_that_ends_each_worker(tmp_path: Path, scheduler: Path) -> None:
+    campaign = write(tmp_path, CAMPAIGN.replace("rate_damping", "own_law.law"))
+    (tmp_path / "own_law.py").write_text("import os\n\n\ndef law(parameters):\n    os._exit(9)\n")
+    address = json.loads(scheduler.read_text())["address"]
+    with ExitStack() as stack:
+        for _ in range(4):
+            stack.enter_context(worker(tmp_path, scheduler))
+        with pytest.raises(LogError, match=r"^the runs 0 to 23 ended each worker that ran them, 4 in turn: "):
+            fly(campaign, tmp_path / "rows.parquet", scheduler=address, block=24)
+
+
+@pytest.mark.slow
+def test_no_worker_is_left_for_a_while(tmp_path: Path, scheduler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    address, campaign = json.loads(scheduler.read_text())["address"], write(tmp_path)
+    with worker(tmp_path, scheduler) as doomed, ExitStack() as stack:
+
+        def kill(done: int, runs: int) -> None:
+            if doomed.poll() is None:
+                doomed.kill()
+                doomed.wait()
+                monkeypatch.setattr(engine, "_PATIENCE_S", 0.5)
+
+        def join(text: str, *_: object) -> None:
+            said.append(text)
+            stack.enter_context(worker(tmp_path, scheduler))
+
+        said: list[str] = []
+        monkeypatch.setattr(engine._log, "warning", join)
+        found = fly(campaign, tmp_path / "rows.parquet", scheduler=address, block=1, progress=kill)
+    assert [text[:17] for text in said] == ["no worker is left"]
+    assert found == fly(campaign, tmp_path / "here.parquet")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_lost(tmp_path: Path, scheduler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "_PATIENCE_S", 10)
+    distributed = pytest.importorskip("distributed")
+    address, campaign = json.loads(scheduler.read_text())["address"], write(tmp_path)
+    other = None
+
+    def shut_down(*_: object) -> None:
+        nonlocal other
+        if other is None:
+            other = distributed.Client(address, set_as_default=False)
+            other.shutdown()
+
+    with worker(tmp_path, scheduler), pytest.raises(LogError, match=f"^lost the scheduler at {address}; start it"):
+        fly(campaign, tmp_path / "rows.parquet", scheduler=address, block=1, progress=shut_down)
 
 
 def test_a_scheduler_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
