@@ -57,6 +57,9 @@ _ONE_AXIS, _NOISE = 1e-3, 2.0
 _ALIKE = 3.0
 # Part of the time of a recording that is as good as all of it.
 _WHOLE = 0.9
+# What a fit finds is due to errors of the times of commands unless so many repetitions, each with other times within
+# these errors, change it by less than one part of so many.
+_REFITS, _CLEAR = 3, 8.0
 TELLS = 0.5
 """A motion does not determine an inertia if each moment may have a larger undetected relative error, or if that part of
 the angular momentum in a sample is noise."""
@@ -272,7 +275,12 @@ def residual(track: Track, bound: float) -> Residual | None:
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
-    mistimed = "" if explained else _mistimed(track, beyond_noise if direct else np.inf, None if other else pieces)
+    unknown_times = "" if explained else _times_unknown(track)
+    if direct or found is None:
+        impulse = beyond_noise if pieces is None or other is not None else pieces.impulse
+        mistimed = bool(unknown_times) and impulse <= _late_impulse(track, "torque")
+    else:
+        mistimed = bool(unknown_times) and _depends_on_times(track, body, moving, found)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -302,8 +310,10 @@ def residual(track: Track, bound: float) -> Residual | None:
         recorded=track.acted,
         with_rates=direct,
         covered=1.0 if direct or found is None or not explained else _share(found, track),
-        untold=_untold(found, explained, level, scale < np.inf, caused, _actuated(track), mistimed),
-        mistimed=bool(mistimed),
+        untold=_untold(
+            found, explained, level, scale < np.inf, caused, _actuated(track), unknown_times if mistimed else ""
+        ),
+        mistimed=mistimed,
         pieces=pieces,
         fitted_ns=None if found is None else (found.begin_ns, found.end_ns),
         factor=None if other is None else _factor(given, other),
@@ -343,18 +353,40 @@ def _unless_mistimed(found: FittedMass, track: Track, given: float, speed: float
     return replace(found, explained=abs(found.value - given) * speed <= _late_impulse(track, "force"))
 
 
-def _mistimed(track: Track, left: float, pieces: FittedTorque | None) -> str:
-    """Return why commands may act at other times, each by itself, and leave as much: rms, N m s, or an impulse."""
-    if pieces is not None:
-        left = float((np.linalg.norm(pieces.body, axis=1) * 1e-9 * np.diff(pieces.edges_ns)).max())
+def _times_unknown(track: Track) -> str:
+    """Return why times of commands are not known, as text; "" if all are."""
     topics = [track.bag.topics[each.topic] for each in track.wrenches if each.within_ns]
-    if not topics or left > _late_impulse(track, "torque"):
+    if not topics:
         return ""
     if any(not topic.stamps_given for topic in topics):
         return "the commands have no stamps, and the error of the times at which they were logged"
     if any(topic.name in track.bag.unset for topic in topics):
         return "some of the commands have no stamps, and the error of the times at which they were logged"
     return "the stamps of commands are rounded or stray, and the error of these times"
+
+
+def _depends_on_times(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaScore) -> bool:
+    """Return whether commands at other times within their errors change by a part of `_CLEAR` what a fit found."""
+
+    def told(by: InertiaScore) -> Array | None:
+        if found.inertia is not None and found.inertia.explains:
+            return None if by.inertia is None else by.inertia.matrix - np.array(body.inertia)
+        return None if by.torque is None else by.torque.body
+
+    first, middle = told(found), (found.begin_ns + found.end_ns) // 2
+    if first is None:
+        return False
+    for seed in range(_REFITS):
+        random = np.random.default_rng(seed)
+        acting = []
+        for each in track.acting:
+            errors = random.integers(-each.within_ns, each.within_ns, len(each.time_ns), endpoint=True)
+            acting.append(replace(each, time_ns=np.sort(each.time_ns + errors)))
+        again = score_inertia(replace(track, by_scene=tuple(acting)), body, moving, around_ns=middle)
+        other = None if again is None else told(again)
+        if other is None or _CLEAR * np.linalg.norm(other - first) > np.linalg.norm(first):
+            return True
+    return False
 
 
 def _untold(
