@@ -205,6 +205,12 @@ def warn_outside(commands: RecordedWrenches, scene: Scene) -> None:
             f"{', '.join(commands.prolonged)}: the last command before time 0 acts for the whole timeout from there "
             "on, and not from its own time; let the run begin with it by --wrench-start first, or between two"
         )
+    slow = [each.topic for each in scene.channels if each.topic in commands.early and (each.delay or each.lag)]
+    if slow and scene.past is None:
+        warn(
+            f"{', '.join(slow)}: commands before time 0 count as received then, so delay and lag begin at time 0; let "
+            "the run begin with the first by --wrench-start first"
+        )
     if commands.late and commands.first_ns is not None:
         first = commands.first_ns / 1e9
         clocks = (

@@ -351,7 +351,8 @@ class RecordedWrenches:
         first_ns: the earliest time; None if there is no command.
         late: how many lie after `end_ns`.
         superseded: how many lie before time 0 and do not act, as another of their channel follows by then.
-        prolonged: channels with a timeout, of which a command before time 0 still acts then.
+        early: channels of which a command before time 0 may still act then.
+        prolonged: those with a timeout, and without a command at time 0.
         two_clocks: whether a bag with commands within the run has others of another clock.
         notes: what a person should know of how the bags were read, one line each.
         facts: which bags, which time of each is time 0 of the run, and the channel that each topic drives whose name is
@@ -442,6 +443,7 @@ class RecordedWrenches:
             f"{topics[channel]}: {count} commands before time 0 never act, as their timeout ends before it"
             for channel, count in sorted(expired.items())
         )
+        self.early = [topics[channel] for channel in sorted(early)]
         self.prolonged = [
             topics[channel]
             for channel in sorted({*early} - prompt)

@@ -303,6 +303,26 @@ def test_a_command_whose_timeout_ends_before_the_run_does_not_act(
     assert "wrench: the last command before time 0 acts for the whole timeout from there on" in ends[-0.5][1]
 
 
+@pytest.mark.parametrize("behind", ["delay: 0.25", "lag: 0.25"])
+def test_delay_and_lag_of_a_command_before_time_0_begin_there_and_it_is_said(
+    behind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A channel gave nothing until its delay had passed, without a word, whatever had been commanded before."""
+    (tmp_path / "a.yaml").write_text(
+        f"body: {{mass: 1}}\nwrenches: [{{topic: wrench, {behind}}}, {{topic: prompt}}]\nduration: 3\n"
+    )
+    rows: list[Row] = [
+        (topic, STAMPED, 10 * SECOND + at * 10**8, stamped(10 * SECOND + at * 10**8, 1.0))
+        for at in (-10, -1, 0, 20)
+        for topic in ("/wrench", "/prompt")
+    ]
+    arguments = ["simulate", str(tmp_path / "a.yaml"), "--wrench", str(write_rows(tmp_path / "a.mcap", rows))]
+    assert main([*arguments, "--wrench-start", "10"]) == 0
+    assert "wrench: commands before time 0 count as received then, so delay and lag begin" in capsys.readouterr().err
+    assert main([*arguments, "--wrench-start", "first"]) == 0
+    assert "before time 0" not in capsys.readouterr().err
+
+
 def test_of_a_log_commands_act_as_they_did_and_not_by_their_stamps(tmp_path: Path) -> None:
     """They were said to be mixed, in the order of their stamps."""
     scene = parse_scene("body: {mass: 1}\nwrenches: [{topic: wrench}]\nduration: 5\n")
