@@ -66,7 +66,7 @@ class LoadScales(NamedTuple):
         strength: the sum of the magnitudes (N) of the effects' forces in a phase.
         numbers: load and predictions as numbers for kernels, see `compiled_load.py`; empty if there is no such form.
         wheels: likewise for reaction wheels, see `WheelSet.now`.
-        settled: when (s of the run) the load stops changing gradually; infinite for other loads.
+        settled: when (s of the run) a gradual change of the load ends next; infinite for other loads.
     """
 
     slowing: OfPhase | None = None

@@ -1105,7 +1105,7 @@ class Simulation:
             numbers = self._effects.numbers(seconds, dipole, plugins=True, underway=underway)
             wheels = self._wheels.now if self._wheels is not None and numbers else ()
         if transients:
-            settled = self._phase.time + (max(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS
+            settled = self._phase.time + (min(each.end_ns for each in transients) - self.time_ns) / NANOSECONDS
             gradually = settled, _sight_of(transients, self.time_ns, self._phase)
         sight = None if self._wheels is None else _sight_of_wheels(self._wheels)
         arc = plan.arc(held, self.time_ns, self._phase, self._load_from, numbers, wheels, gradually, sight)

@@ -235,3 +235,27 @@ duration: 0.4
     # From rest, by its torque times time, before the body turns.
     assert end.angular_momentum_world[2] == pytest.approx(-0.2 * 5.0 * (0.05 - 0.5e-5), rel=0.05)
     assert abs(end.energy_defect) < 1e-12
+
+
+def test_the_end_of_a_ramp_beside_a_lag_leaves_the_accuracy_within_reach() -> None:
+    """Steps are short just before a ramp ends, and only there: rounding does not add up over the rest of the run."""
+    scene = rb.parse_scene("""
+body:
+  mass: 5
+  inertia: {diagonal: [1, 1.5, 2]}
+  frames: {jet: {position: [0.1, 0.2, 0.3], orientation: {x: 0, y: 0, z: 0, w: 1}}}
+initial: {angular_velocity_body: [0.5, 0.3, -0.4]}
+wrenches: [{topic: wrench, lag: 0.33}]
+actuators: [{type: thruster, name: jet, frame: jet, force: 2.0, rise: 0.2, fall: 0.1}]
+solver: {method: dop853, accuracy: 1.0e-11}
+duration: 7.3
+""")
+    commands: list[Command] = [
+        ("wrench", Wrench((1.0, 2.0, 1.0), (0.1, -0.2, 0.1))),
+        ("jet/command", Setpoint(0.5, stamp_ns=1_000_000_000)),
+    ]
+    found, finer = (
+        rb.simulate(replace(scene, solver=rb.Solver("dop853", accuracy=accuracy)), commands).sample.orientation_xyzw
+        for accuracy in (1e-11, 1e-12)
+    )
+    assert math.dist(found, finer) < 1e-11
