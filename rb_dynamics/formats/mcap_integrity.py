@@ -13,15 +13,17 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from rb_dynamics.errors import LogError, needing
 from rb_dynamics.formats.bag_source import SplitBag, bag_facts, open_source
-from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES
+from rb_dynamics.formats.mcap_records import MAGIC, MAX_RECORD_BYTES, Opcode
 from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 from rb_dynamics.numerics.argument_checks import shown
 
 if TYPE_CHECKING:
-    from mcap.records import Footer, Message
+    from mcap.records import Chunk, Footer, Message
 
 # Of a record, before its content.
 _HEAD_BYTES = 9
+# Of an index of messages, up to the number of its channel.
+_INDEX_BYTES = _HEAD_BYTES + 2
 _CHECKSUM = struct.Struct("<I")
 
 
@@ -74,8 +76,8 @@ def _require_told(path: Path, told: Sequence[object], found: Sequence[_Read]) ->
 def verify(path: Path, written: Mapping[str, int] | None = None) -> int:
     """Read all of a finished MCAP file, front to back and again by its index, and return how many messages it holds.
 
-    Every checksum must match, index and statistics must agree with the content, and in logs of this package no log time
-    may be earlier than the one before it.
+    Every checksum must match, indexes and statistics must agree with the content, and in logs of this package no log
+    time may be earlier than the one before it. A file without indexes of the messages in its chunks is whole, too.
 
     Args:
         path: the file.
@@ -121,6 +123,7 @@ class _Read:
         sorted: whether no log time is earlier than the one before it.
         library: that wrote the file, as its header says.
         footer: None if there is none.
+        misled: number of chunks whose messages are not all where the indexes behind it say, or not at that time.
     """
 
     messages: Counter[int] = field(default_factory=Counter)
@@ -130,6 +133,7 @@ class _Read:
     sorted: bool = True
     library: str = ""
     footer: Footer | None = None
+    misled: int = 0
     _last_ns: int = 0
 
     def add(self, message: Message) -> None:
@@ -140,17 +144,24 @@ class _Read:
 
 
 def _front_to_back(file: BinaryIO) -> _Read:
-    from mcap.records import Chunk, Footer, Header, Message
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.records import Chunk, Footer, Header, Message, MessageIndex
+    from mcap.stream_reader import StreamReader
 
     found = _Read()
+    # Channel, log time and place of the messages of the last chunk, less those of its indexes: these follow it.
+    places: set[tuple[int, int, int]] = set()
     reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES)
     for record in reader.records:
         found.records[type(record).__name__] += 1
+        if isinstance(record, MessageIndex):
+            places ^= {(record.channel_id, time_ns, place) for time_ns, place in record.records}
+            continue
+        found.misled += bool(places)
+        places = set()
         if isinstance(record, Chunk):
-            for inner in breakup_chunk(record, validate_crc=True):
-                if isinstance(inner, Message):
-                    found.add(inner)
+            for place, inner in _messages(record):
+                found.add(inner)
+                places.add((inner.channel_id, inner.log_time, place))
         elif isinstance(record, Message):
             found.add(record)
         elif isinstance(record, Header):
@@ -158,6 +169,20 @@ def _front_to_back(file: BinaryIO) -> _Read:
         elif isinstance(record, Footer):
             found.footer = record
     return found
+
+
+def _messages(chunk: Chunk) -> Iterator[tuple[int, Message]]:
+    """Yield each message of a chunk with its place: where its record begins in the uncompressed data."""
+    from mcap.records import Message
+    from mcap.stream_reader import get_chunk_data_stream
+
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    while (place := stream.count) < size:
+        opcode, length = stream.read1(), stream.read8()
+        if opcode == Opcode.MESSAGE:
+            yield place, Message.read(stream, length)
+        else:
+            stream.read(length)
 
 
 def _faults(file: BinaryIO, found: _Read, written: Mapping[str, int] | None) -> Iterator[str]:
@@ -177,12 +202,19 @@ def _faults(file: BinaryIO, found: _Read, written: Mapping[str, int] | None) -> 
     yield from _differing("its statistics say otherwise", _by_topic(names, found.messages), _by_topic(names, told))
     by_index = Counter(message.channel_id for _, _, message in reader.iter_messages())
     yield from _differing("its index leads elsewhere", _by_topic(names, found.messages), _by_topic(names, by_index))
+    indexes = [entry for chunk in summary.chunk_indexes for entry in chunk.message_index_offsets.items()]
+    if found.misled and (indexes or found.records["MessageIndex"]):
+        yield f"the index of messages leads elsewhere in {found.misled} of {found.records['Chunk']} chunks"
+    astray = sum(not _begins_index(_bytes(file, place, place + _INDEX_BYTES), number) for number, place in indexes)
+    if astray:
+        yield f"its summary leads elsewhere than to {astray} of {len(indexes)} indexes of messages"
     if written is not None:
         yield from _differing("other was written", _by_topic(names, found.messages), Counter(written))
     facts = {
         "messages": (found.messages.total(), said.message_count),
         "chunks": (found.records["Chunk"], said.chunk_count),
         "chunks in the index": (found.records["Chunk"], len(summary.chunk_indexes)),
+        "indexes of messages": (found.records["MessageIndex"], len(indexes)),
         "attachments": (found.records["Attachment"], said.attachment_count),
         "attachments in the index": (found.records["Attachment"], len(summary.attachment_indexes)),
         "metadata records": (found.records["Metadata"], said.metadata_count),
@@ -216,6 +248,11 @@ def _differing(why: str, found: Counter[str], claimed: Counter[str]) -> Iterator
     differing = sorted(topic for topic in found | claimed if found[topic] != claimed[topic])
     if differing:
         yield f"{why}: " + ", ".join(f"{topic}: {found[topic]} of {claimed[topic]} messages" for topic in differing)
+
+
+def _begins_index(data: bytes, channel: int) -> bool:
+    """Return whether `data` begins an index of the messages of a channel: opcode, length, number of the channel."""
+    return data[:1] == bytes([Opcode.MESSAGE_INDEX]) and data[_HEAD_BYTES:] == channel.to_bytes(2, "little")
 
 
 def _bytes(file: BinaryIO, begin: int, end: int) -> bytes:

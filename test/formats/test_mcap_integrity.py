@@ -92,9 +92,24 @@ def place_of_summary(data: bytes) -> int:
     return data.rindex(b"scene.yaml")
 
 
+def place_of_index(data: bytes) -> int:
+    """Of the first message of the first channel that has one, after opcode, length, channel, size and its time."""
+    return behind_chunk(data) + 9 + 2 + 4 + 8
+
+
+def behind_chunk(data: bytes) -> int:
+    """Where the first index of messages begins."""
+    start = data.index(b"zstd") - 4 - 8 - 8 - 8 - 4 - 8 - 1
+    assert data[start] == 6
+    behind = start + 9 + int.from_bytes(data[start + 1 : start + 9], "little")
+    assert data[behind] == 7
+    return behind
+
+
 @pytest.mark.parametrize(
     ("place", "fault"),
     [
+        (place_of_index, "the index of messages leads elsewhere in 1 of [0-9]+ chunks"),
         (place_of_chunk, "crc|zstd|Zstd"),
         (place_of_scene, "the checksum of the attachment scene.yaml does not fit"),
         (place_of_summary, "the checksum of its summary does not fit"),
@@ -106,6 +121,18 @@ def test_one_bit_that_is_another(log: Path, place: Callable[[bytes], int], fault
     log.write_bytes(data)
 
     with pytest.raises(LogError, match=fault):
+        verify(log)
+
+
+def test_a_summary_without_checksum_that_leads_elsewhere(log: Path) -> None:
+    data = bytearray(log.read_bytes())
+    data[-12:-8] = bytes(4)
+    log.write_bytes(data)
+    assert verify(log)
+
+    data[data.rindex(behind_chunk(bytes(data)).to_bytes(8, "little"))] ^= 1
+    log.write_bytes(data)
+    with pytest.raises(LogError, match=r"its summary leads elsewhere than to 1 of [0-9]+ indexes of messages"):
         verify(log)
 
 
