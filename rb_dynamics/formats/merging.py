@@ -22,10 +22,8 @@ from rb_dynamics.formats.log_metadata import (
     SIMULATION_TIME,
     in_simulation_time,
     loss,
-    version,
 )
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
-from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.message_fields import differ
 from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
@@ -61,7 +59,7 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     sources = [open_source(path) for path in paths]
     found, spans = Merged(), dict[str, dict[int, tuple[int, int]]]()
     with OutputFile.whole(target) as file:
-        copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
+        copy = Copy(file)
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}
         for number, message in _by_log_time(sources):

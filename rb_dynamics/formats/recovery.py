@@ -133,7 +133,7 @@ def _recover_file(old: McapFile, target: Path, types: Mapping[str, Schema] | Non
     facts = BagFile(target.name, 2**63)
     order = _Order()
     with OutputFile.whole(target) as file:
-        copy = Copy(McapWriter(file, f"rb_dynamics {version()}"))
+        copy = Copy(file)
         for message in itertools.chain(first, messages):
             copy.add(message)
             order.add(message.log_time, old.holes, old.unchecked)
@@ -249,10 +249,11 @@ def _joined(spans_ns: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 class Copy:
     """Writes the content of files to another, in the same order."""
 
-    def __init__(self, writer: McapWriter) -> None:
-        self._writer = writer
+    def __init__(self, file: OutputFile) -> None:
+        # Not named as a log of this package: its log times may go back, as those of the files do.
+        self._writer = McapWriter(file, f"copied by rb_dynamics {version()}")
         self._channels: dict[tuple[str, Schema], int] = {}
-        writer.begin()
+        self._writer.begin()
 
     def add(self, message: Message) -> None:
         """Copy one message.

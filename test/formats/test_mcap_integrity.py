@@ -164,6 +164,14 @@ def test_the_order_of_a_log_of_ours_only(tmp_path: Path) -> None:
         verify(written(tmp_path / "c.mcap", "rb_dynamics 1", 2, 1))
 
 
+def test_copies_whose_log_times_go_back_like_those_of_the_bag(tmp_path: Path) -> None:
+    bag = written(tmp_path / "bag.mcap", "another", 2, 1, 3)
+    recover(bag, tmp_path / "saved.mcap")
+    assert verify(tmp_path / "saved.mcap") == 3
+    assert main(["convert", str(bag), str(tmp_path / "copy.mcap")]) == 0
+    assert verify(tmp_path / "copy.mcap") == 3
+
+
 def test_statistics_and_an_index_that_lie(tmp_path: Path) -> None:
     def count(writer: McapWriter) -> None:
         writer.counts[1] += 1
