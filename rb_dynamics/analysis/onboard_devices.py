@@ -96,7 +96,7 @@ class ActuatorUse:
         unit: of its commands.
         time_ns: when each was received.
         values: as received, one for each.
-        largest: the command of largest size, as received.
+        largest: the finite command of largest size, as received; 0 without one.
         limited: how many its limits made smaller.
         rejected: how many it could not honour, such as an on-time that is too short.
     """
@@ -256,8 +256,14 @@ def _numbers(
     if speeds:
         found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))
     first_ns, last_ns = track.span_ns if track.bag.cut_ns else (-(2**63), 2**63 - 1)
+    commands = {each.topic for each in scene.actuators}
     for name, (times, rows) in found.items():
-        kept = (times >= first_ns) & (times <= last_ns) & np.isfinite(rows).all(axis=1)
+        kept = (times >= first_ns) & (times <= last_ns)
+        if name in commands:
+            # One that is no number came too, and was rejected.
+            kept[topics[name].damaged] = False
+        else:
+            kept &= np.isfinite(rows).all(axis=1)
         found[name] = times[kept], rows[kept]
     damaged = {name: topic.unread for name, topic in topics.items() if topic.damaged}
     damaged |= {WHEELS[0]: unread_words(len(lost), count, lost[0])} if lost else {}
@@ -281,7 +287,7 @@ def _use(actuator: Actuator, times: Times, rows: Array) -> ActuatorUse:
             limited += count * actuator.accept(value).clipped
         except WrenchError:
             rejected += count
-    largest = float(np.abs(values).max())
+    largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
     return ActuatorUse(actuator.name, actuator.kind, actuator.unit, times, values, largest, limited, rejected)
 
 

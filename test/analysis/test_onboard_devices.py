@@ -83,6 +83,23 @@ def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
     assert not any("left out" in note for note in found.summary.notes)
 
 
+def test_commands_that_are_no_numbers_are_counted_as_rejected(tmp_path: Path) -> None:
+    """They were left out: of a controller that had diverged it was said that no command was rejected."""
+    commands = [
+        *(("wheel/command", Setpoint(value, 10**9 * (1 + k))) for k, value in enumerate((0.001, math.nan, math.inf))),
+        *(("jet/command", Setpoint(math.nan, 10**9 * k)) for k in range(1, 4)),
+    ]
+    flight = fly(tmp_path / "diverged.mcap", SCENE, commands)
+    assert len(flight.result.rejected) == 5
+    found = rb.inspect(flight.log)
+    counts = {each.name: (each.commands, each.limited, each.rejected) for each in found.summary.onboard.actuators}
+    assert counts == {"wheel": (3, 0, 2), "jet": (3, 0, 3)}
+    assert [each.largest for each in found.summary.onboard.actuators] == [0.001, 0.0]
+    assert "jet: 3 of 3 commands rejected" in as_text(found.summary)
+    write_html(tmp_path / "page.html", run_report(found.track, found.summary))
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
 def test_motor_work_and_friction_heat_are_in_the_log(tmp_path: Path) -> None:
     text = SCENE.replace("max_speed: 60.0", "speed: 30, friction: {viscous: 1.0e-6}")
     flight = fly(tmp_path / "friction.mcap", text, COMMANDS[:1])
