@@ -143,25 +143,23 @@ def _motion(track: Track) -> list[TimeSeries]:
 
 
 def _whole(series: TimeSeries, track: Track) -> Check:
-    name, count = f"{series.topic} is whole", len(series.time_ns)
+    name, count, begin = f"{series.topic} is whole", len(series.time_ns), track.zero_ns
     lost = [topic for topic in _damaged(track) if topic.name == series.topic]
-    if unusable := series.unusable - sum(len(topic.damaged) for topic in lost):
-        of = f"{unusable} of {series.count} messages"
-        return Check(name, False, f"{of} have a number that is not finite or too large")
-    if lost:
-        return unread(lost[0].name, lost[0].unread)
-    begin = track.zero_ns
+    unusable = series.unusable - sum(len(topic.damaged) for topic in lost)
+    lacks = [f"{unusable} of {series.count} messages have a number that is not finite or too large"] * (unusable > 0)
     parts = [each for each in track.motion if each.topic == series.topic]
-    spikes = [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
-    doubts = filter(None, (found(each, begin) for each in parts for found in (contradictions, overlaps)))
-    if faults := [*series.faults(begin), *spikes, *doubts]:
-        return Check(name, False, "; ".join(faults))
+    lacks += [topic.unread for topic in lost] + series.faults(begin)
+    lacks += [spike.told(begin) for each in parts if each is not series for spike in each.spikes]
+    lacks += [found(each, begin) for each in parts for found in (contradictions, overlaps)]
     steps = np.diff(series.time_ns)
+    if len(steps):
+        # As many messages in a row as are left out are no hole of their own.
+        hole = not track.at_steps and steps.max() > (1 + series.left_out) * longest_usual(series.time_ns)
+        lacks += [told(series.time_ns, begin) if hole else "", _late(series, track)]
+    if lacks := [*filter(None, lacks)]:
+        return Check(name, False, "; ".join(lacks))
     if not len(steps):
         return Check(name, True, f"{count} samples")
-    holes = "" if track.at_steps else told(series.time_ns, begin)
-    if lacks := "; ".join(filter(None, (holes, _late(series, track)))):
-        return Check(name, False, lacks)
     return Check(
         name, True, f"{count} samples{_repeated(series)}, all finite, at most {int(steps.max()) * 1e-9:.6g} s apart"
     )

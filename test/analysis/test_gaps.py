@@ -84,6 +84,22 @@ def test_a_topic_without_a_usable_message_fails_alone() -> None:
     assert failing(bag) == {"/b/twist is whole": "1000 of 1000 messages have a number that is not finite or too large"}
 
 
+def test_what_one_finding_says_hides_no_other() -> None:
+    """One number that is not finite, or two stamps out of order, hid a hole and a stream that ended early."""
+    rows = np.delete(np.arange(600), np.arange(200, 300))
+    rows[[50, 51]] = rows[[51, 50]]
+    motion = spin().taken(rows)
+    motion.position[10, 0] = np.nan
+    detail = failing(bag_of(motion, twist=spin()))["/b/pose is whole"]
+    expected = (
+        "1 of 500 messages have a number",
+        "1 of 499 stamps is out of order",
+        "1.01 s from t",
+        "stops 4 s before",
+    )
+    assert all(words in detail for words in expected)
+
+
 def test_a_stream_begins_late_by_the_log_of_ros_alone_is_none() -> None:
     bag = bag_of(spin().moved(5 * 10**9))
     bag.topics["/rosout"] = Topic("/rosout", "rcl_interfaces/msg/Log")
