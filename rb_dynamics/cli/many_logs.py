@@ -61,7 +61,7 @@ def logs_of(given: Sequence[str]) -> list[str] | None:
 
 
 def _is_bag(folder: Path) -> bool:
-    """Return whether a folder is one bag: its recorder left metadata, or its files differ in their numbers alone."""
+    """Return whether a folder is one bag: it has metadata, or its MCAP files differ in their numbers alone."""
     from rb_dynamics.formats.rosbag2_metadata import METADATA_FILE
 
     if (folder / METADATA_FILE).is_file():
