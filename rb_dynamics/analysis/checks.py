@@ -115,7 +115,7 @@ def missing(track: Track) -> str:
     times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in track.bag.missing]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += ["messages may be missing of which no time is known"] * track.bag.unplaced
-    told += [f"the next file, {name}, is missing" for name in track.bag.missing_files]
+    told += [f"{name} is missing" for name in track.bag.missing_files]
     # A run begins at 0; a later file of a bag, alone, does not.
     if track.own and start > 0 and not track.bag.cut_ns and not any(begin < start for begin, _ in track.bag.missing):
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]

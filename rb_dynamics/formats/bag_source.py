@@ -86,7 +86,7 @@ def open_source(path: str | Path, on_fact: OnFact | None = None) -> Source:
     if any(file.exists() for file in files):
         _require_named(path, files, there)
         found = in_time([file for file in files if file.exists()], begins_ns, mode)
-        return SplitBag(path, found, mode, on_fact, absent_before(files))
+        return SplitBag(path, found, mode, on_fact, absent_before(files), min(begins_ns.values(), default=None))
     if files and not there:
         raise LogError(
             f"{path} has none of the files that its {METADATA_FILE} names: {files[0]} is missing; check the path"
@@ -171,6 +171,7 @@ class SplitBag:
         files: in the order of their times.
         absent: names of files that the metadata name and that are not there, each by the file that follows; by None
             those after the last.
+        begin_ns: first log time of the whole bag, where its metadata say it.
         compression: "none", "file" (each as a whole) or "message" (each message).
         on_fact: as in `McapFile`.
         boundaries: where one file ends and the next begins, where nothing is known to be missing between them.
@@ -181,6 +182,7 @@ class SplitBag:
     compression: str = "none"
     on_fact: OnFact | None = None
     absent: Mapping[Path | None, list[str]] = field(default_factory=dict)
+    begin_ns: int | None = None
     complete: bool = False
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -219,6 +221,8 @@ class SplitBag:
             absent = self.absent.get(path, [])
             if before is None and absent:
                 lost = {**lost, "reason": DAMAGED, MISSING_FILES: ", ".join(absent)}
+                if self.begin_ns is not None and file.span_ns:
+                    lost["missing_ns"] = f"{self.begin_ns} {file.span_ns[0]}"
             elif before is not None:
                 absent = absent or absent_between(before.path, file.path, next_file(before.metadata), self.files)
                 lost = _between(before, file, lost, absent)

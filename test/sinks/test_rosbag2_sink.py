@@ -222,7 +222,7 @@ def test_a_damaged_piece_does_not_hide_that_the_end_is_cut(split: Path, tmp_path
         ("0", "cut off at t = 2.995 of 12 s (the next file, spin_1.mcap, is missing)"),
         ("12", "cut off at t = 5.995 of 9 s (the next file, spin_3.mcap, is missing); the first 3 s are missing"),
         ("3", "the first 9 s are missing"),
-        ("013", "a piece is missing from t = 5.995 to 9 s; the next file, spin_2.mcap, is missing"),
+        ("013", "a piece is missing from t = 5.995 to 9 s; spin_2.mcap is missing"),
     ],
 )
 def test_files_that_are_not_there_are_named(split: Path, tmp_path: Path, kept: str, lacks: str) -> None:
