@@ -1010,7 +1010,7 @@ def _within_ns(logged: Times, times: Times, by_log: float, line: ClockLine) -> i
     if by_log == 1.0:
         return max(_LATE_NS, round(1e9 * max(line.error_s, line.ends_s)))
     if by_log:
-        return round(min(_LATE_NS, int(np.ptp(logged - times))) * math.sqrt(by_log))
+        return round(min(_LATE_NS, int(np.abs(logged - times).max())) * math.sqrt(by_log))
     tick = int(np.gcd.reduce(times)) if len(times) else 0
     return tick if tick < _TICK_NS else 0
 

@@ -57,8 +57,8 @@ _ONE_AXIS, _NOISE = 1e-3, 2.0
 _ALIKE = 3.0
 # Part of the time of a recording that is as good as all of it.
 _WHOLE = 0.9
-# What a fit finds is due to errors of the times of commands unless so many repetitions, each with other times within
-# these errors, change it by less than one part of so many.
+# What a fit finds may be due to errors of the times of commands, unless so many repetitions, each with other times
+# within these errors, change it by less than one part of so many.
 _REFITS, _CLEAR = 3, 8.0
 TELLS = 0.5
 """A motion does not determine an inertia if each moment may have a larger undetected relative error, or if that part of
@@ -276,11 +276,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     pieces = None if changes or found is None else found.torque
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
     unknown_times = "" if explained else _times_unknown(track)
-    if direct or found is None:
-        impulse = beyond_noise if pieces is None or other is not None else pieces.impulse
-        mistimed = bool(unknown_times) and impulse <= _late_impulse(track, "torque")
-    else:
-        mistimed = bool(unknown_times) and _depends_on_times(track, body, moving, found)
+    mistimed = bool(unknown_times) and _mistimed(track, body, moving, found, beyond_noise if direct else np.inf)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -365,25 +361,29 @@ def _times_unknown(track: Track) -> str:
     return "the stamps of commands are rounded or stray, and the error of these times"
 
 
-def _depends_on_times(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaScore) -> bool:
-    """Return whether commands at other times within their errors change by a part of `_CLEAR` what a fit found."""
+def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaScore | None, left: float) -> bool:
+    """Return whether commands at other times within their errors leave as much.
 
-    def told(by: InertiaScore) -> Array | None:
-        if found.inertia is not None and found.inertia.explains:
-            return None if by.inertia is None else by.inertia.matrix - np.array(body.inertia)
-        return None if by.torque is None else by.torque.body
+    What a fit found is then not found again, or changes by a part of `_CLEAR`. If it found nothing, it is what is
+    `left` (rms, N m s).
+    """
 
-    first, middle = told(found), (found.begin_ns + found.end_ns) // 2
-    if first is None:
-        return False
+    def told(by: InertiaScore | None) -> Array | None:
+        if found is not None and found.inertia is not None and found.inertia.explains:
+            return None if by is None or by.inertia is None else by.inertia.matrix - np.array(body.inertia)
+        return None if by is None or by.torque is None else by.torque.body
+
+    first = told(found)
+    if found is None or first is None:
+        return left <= _late_impulse(track, "torque")
     for seed in range(_REFITS):
         random = np.random.default_rng(seed)
         acting = []
         for each in track.acting:
             errors = random.integers(-each.within_ns, each.within_ns, len(each.time_ns), endpoint=True)
             acting.append(replace(each, time_ns=np.sort(each.time_ns + errors)))
-        again = score_inertia(replace(track, by_scene=tuple(acting)), body, moving, around_ns=middle)
-        other = None if again is None else told(again)
+        middle = (found.begin_ns + found.end_ns) // 2
+        other = told(score_inertia(replace(track, by_scene=tuple(acting)), body, moving, around_ns=middle))
         if other is None or _CLEAR * np.linalg.norm(other - first) > np.linalg.norm(first):
             return True
     return False

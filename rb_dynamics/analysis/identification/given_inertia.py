@@ -126,11 +126,6 @@ class FittedTorque:
     body: Array
     world: Array
 
-    @property
-    def impulse(self) -> float:
-        """The largest of a piece, N m s."""
-        return float((np.linalg.norm(self.body, axis=1) * 1e-9 * np.diff(self.edges_ns)).max())
-
 
 @dataclass(frozen=True)
 class InertiaScore:
