@@ -21,9 +21,10 @@ from rosgraph_msgs.msg import Clock
 
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_metadata import RUN
-from rb_dynamics.formats.mcap_records import McapChannel
-from rb_dynamics.formats.message_types import WRENCH
+from rb_dynamics.formats.mcap_records import McapChannel, Message
+from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.rosbag2_metadata import offered_qos
+from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.logs.messages import APPLIED, decode_wrench
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.other_nodes import unconnected
@@ -55,13 +56,8 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
     """
     # Read the whole log once first: this finds damage, and creates all topics before the first message.
     source = open_source(log)
-    stamped_later = Counter(
-        message.channel.topic
-        for message in source.messages()
-        if RUN in source.metadata
-        and message.channel.type_name == WRENCH
-        and not message.channel.topic.endswith(APPLIED)
-        and decode_wrench(WRENCH, message.log_time, message.data).stamp_ns > message.log_time
+    elsewhen = Counter(
+        message.channel.topic for message in source.messages() if RUN in source.metadata and _acts_elsewhen(message)
     )
     rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -70,11 +66,12 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
             publishers = {channel.topic: _publisher(node, channel) for channel in source.channels.values()}
             ticks = node.create_publisher(Clock, "/clock", 1) if clock and "/clock" not in publishers else None
             known = {topic: each for topic, each in publishers.items() if each is not None}
-            if stamped_later:
-                told = ", ".join(f"{count} on {topic}" for topic, count in stamped_later.items())
+            if elsewhen:
+                told = ", ".join(f"{count} on {topic}" for topic, count in elsewhen.items())
                 node.get_logger().warning(
                     f"commands ({told}) are stamped later than the simulation time at which they took effect, as those "
-                    "of a node in real time: a node in lockstep does not repeat this log from them; simulate LOG does"
+                    "of a node in real time, or not at all, as those to actuators: a node in lockstep does not repeat "
+                    "this log from them; simulate LOG does"
                 )
             wait_for_readers(node, list(known.values()))
             return _play(log, rate, known, ticks)
@@ -82,6 +79,16 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
             node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+def _acts_elsewhen(message: Message) -> bool:
+    """Return whether a node in lockstep may take this for a command of another time than that of its effect."""
+    topic, kind = message.channel.topic, message.channel.type_name
+    if kind != WRENCH:
+        return kind == SCALAR and topic.endswith(COMMAND)
+    return (
+        not topic.endswith(APPLIED) and decode_wrench(kind, message.log_time, message.data).stamp_ns > message.log_time
+    )
 
 
 def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks: Publisher | None) -> int:

@@ -28,7 +28,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 
-from rb_dynamics import Simulation, Wrench, parse_scene, simulate
+from rb_dynamics import Setpoint, Simulation, Wrench, parse_scene, simulate
 from rb_dynamics.formats.log_metadata import RESULT
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.ros.log_publisher import wait_for_readers
@@ -93,6 +93,16 @@ def test_commands_by_ros_time_are_said_to_repeat_no_log(
     run.finish()
     assert command("replay", str(log), "--into", "ros", "--rate", "0").returncode == 0
     assert ("commands (1 on /wrench) are stamped later" in capfd.readouterr().err) == bool(epoch_ns)
+
+
+def test_commands_to_actuators_are_said_to_repeat_no_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """They have no stamps: a node in lockstep took them before the wrench that moved its time to theirs."""
+    log = tmp_path / "run.mcap"
+    wheel = "{type: reaction_wheel, name: wheel, axis: [1, 0, 0], inertia: 0.01}"
+    scene = parse_scene(f"{SCENE.text}actuators: [{wheel}]\n")
+    simulate(scene, [("wheel/command", Setpoint(0.1, stamp_ns=300_000_000))], [McapSink(log)])
+    assert command("replay", str(log), "--into", "ros", "--rate", "0").returncode == 0
+    assert "commands (1 on /wheel/command) are stamped later" in capfd.readouterr().err
 
 
 def test_readers_that_are_found_late_are_waited_for(peer: Peer) -> None:
