@@ -10,6 +10,7 @@ import numpy as np
 
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
+from rb_dynamics.formats.log_metadata import TOPICS
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.messages import APPLIED
@@ -123,12 +124,16 @@ def _not_compared(devices: Sequence[str]) -> list[str]:
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     """Return the wrenches by channel; topics of a bag by the channel that they drove in the run `flown` from it."""
     driven = {} if track.own else driven_of(flown.bag.metadata)
+    if track.own and flown.own:
+        # Each of two logs says what its topics are in its scene, those of effects too.
+        names = track.bag.metadata.get(TOPICS, {}).items()
+        driven = {topic.removesuffix(APPLIED): name.removesuffix(APPLIED) for name, topic in names}
     channels = {topic.removeprefix("/"): channel.removeprefix("/") for topic, channel in driven.items()}
-    names = [_name(steps) for steps in track.recorded]
+    recorded = [_name(steps) for steps in track.recorded]
     # One of the two may have been recorded in a namespace.
     theirs = {*map(_name, flown.wrenches)} - {*channels.values()}
-    channels = names_in_scene([name for name in names if name not in channels], theirs) | channels
-    return {channels.get(name, name): steps for name, steps in zip(names, track.recorded, strict=True)}
+    channels = names_in_scene([name for name in recorded if name not in channels], theirs) | channels
+    return {channels.get(name, name): steps for name, steps in zip(recorded, track.recorded, strict=True)}
 
 
 def _name(steps: RecordedWrench) -> str:

@@ -631,6 +631,21 @@ def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Pat
         assert found.commands == []
 
 
+def test_effects_of_a_log_in_a_namespace_are_those_of_their_names(tmp_path: Path) -> None:
+    """Some channels were remapped out of the namespace, so that names alone do not tell it."""
+    scene = rb.parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\nduration: 2\n"
+        "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]},\n"
+        "  {type: scheduled_wrench, schedule: [{time: 0.5, force: [1, 0, 0]}]}]\n"
+    )
+    push = [("wrench", rb.Wrench((1.0, 0.0, 0.0), (0.0, 0.1, 0.0), stamp_ns=700_000_000))]
+    one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
+    rb.simulate(scene, push, [McapSink(one)])
+    rb.simulate(scene, push, [McapSink(other, namespace="/sat", remap={"wrench": "/wrench"})])
+    for pair in ((one, other), (other, one)):
+        assert rb.compare(*pair).commands == []
+
+
 def test_a_scene_flies_the_commands_of_a_log_in_a_namespace(tmp_path: Path) -> None:
     scene = rb.parse_scene(
         "body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nwrenches: [{topic: wrench}]\n"
