@@ -601,7 +601,7 @@ class _Report:
             for value, direction in zip(values, directions.T, strict=True)
         ]
         self.unseen = directions[:, bent]
-        if (constant := self._of_constant_rates(bands)).size:
+        if (constant := self._of_rates_and_biases(bands)).size:
             both, sizes, _ = np.linalg.svd(np.hstack([self.unseen, constant]), full_matrices=False)
             self.unseen = both[:, sizes > _HIDDEN]
         # What the recordings determine stays determined, with an error that covers what may have moved it.
@@ -637,11 +637,14 @@ class _Report:
 
         return step(other), [step(each) / np.sqrt(DRAWN) for each in self.model.with_drawn_speeds()]
 
-    def _of_constant_rates(self, bands: Sequence[Sequence[Band]]) -> Array:
-        """Return the directions (p, k) in which rates and bias of gyros change alike, where a constant fits as well.
+    def _of_rates_and_biases(self, bands: Sequence[Sequence[Band]]) -> Array:
+        """Return the directions (p, k) in which rates and bias of gyros change alike, where these are not told apart.
 
-        A body at rest and a large bias then leave the same noise as a spin, far from each other.
+        Where a constant fits as well, a body at rest and a large bias leave the same noise as a spin, far from each
+        other. Without an attitude, only the motion tells a bias: bodies of other shapes, where the shape is not known,
+        follow other biases, far from each other too.
         """
+        known = not self._has("shape") or self._shape_told
         layout, ways = self.model.layout, [np.zeros((self.model.layout.count, 0))]
         for number, flight in enumerate(self.model.flights):
             biases = [f"gyro_bias[{number}].{stream.topic}" for stream in flight.streams]
@@ -653,7 +656,7 @@ class _Report:
                 / self.fit.noise[each.key] ** 2
                 for each, _ in mine
             )
-            if not gains_nothing(gain, 3 * len(mine), [of for _, of in mine]):
+            if known and not gains_nothing(gain, 3 * len(mine), [of for _, of in mine]):
                 continue
             way = np.zeros((layout.count, 3))
             way[layout[f"initial[{number}].angular_velocity_body"].at] = -np.eye(3)

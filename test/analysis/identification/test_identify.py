@@ -595,6 +595,19 @@ def test_slow_noise_of_a_gyro_about_a_constant_tells_no_bias() -> None:
     assert not any(each.known for each in found.parameters)
 
 
+def test_where_a_gyro_alone_does_not_tell_the_shape_it_tells_no_bias() -> None:
+    """Bodies of other shapes follow other biases: two were known, one 3 standard errors off."""
+    random = np.random.default_rng(2)
+    scene = parse_scene(
+        "body: {mass: 6, inertia: {diagonal: [0.258, 0.27, 0.295]}}\nwrenches: []\noutput_rate: 50\nduration: 5.98\n"
+        f"initial: {{angular_velocity_body: {random.standard_normal(3).tolist()}}}\n"
+    )
+    _, rates = rates_of(scene)
+    noisy = rates + [-0.041, 0.011, -0.041] + 5e-3 * random.standard_normal(rates.shape)
+    found = of_gyro(scene.body, noisy)
+    assert not any(each.known for each in found.parameters)
+
+
 def of_gyro(body: RigidBody, rates: Any, starts: int = 4) -> Identification:
     """Return what rates (n, 3), 20 ms apart, tell of a body."""
     flight = Flight("flight", (Stream("gyro", RATES, np.arange(len(rates)) * 20_000_000, rates, gyro=True),))
