@@ -41,7 +41,7 @@ class Topic:
         type_name: message type, such as "std_msgs/msg/Float64"; with the encoding before it where that is not CDR.
         qos: `offered_qos_profiles` as recorded, YAML; "" if the writer gave none.
         count: messages.
-        messages: the bytes of each message, of DiagnosticArray alone: what is not kept as numbers.
+        messages: the bytes of each message that is not damaged, of DiagnosticArray alone: what is not kept as numbers.
         damaged: rows of messages that are cut short or not CDR: their numbers are NaN, their stamps the log times.
         error: what is wrong with the first of them; None if there are none.
     """
@@ -93,7 +93,13 @@ class Topic:
             if enough:
                 self._take()
         elif self.type_name == types.DIAGNOSTICS:
-            self.messages += [row.tobytes() for rows in block.rows() for row in rows]
+            content = (row.tobytes() for rows in block.rows() for row in rows)
+            for row, message in enumerate(content, self.count - len(block.log_times)):
+                try:
+                    cdr.decode(self.type_name, message)
+                    self.messages.append(message)
+                except LogError:
+                    self.damaged.append(row)
 
     def lose(self, rows: Sequence[int], error: LogError | None) -> None:
         """Count as damaged these rows of the block that was added last; of a type whose numbers are not kept here."""
@@ -126,7 +132,8 @@ class Topic:
         texts = {before[row]: text for row, text in self._texts}
         kept._texts = [(row, text) for row, text in texts.items() if row < kept.count]
         kept.damaged = [int(before[row]) for row in self.damaged if rows[row]]
-        kept.messages = [message for message, keep in zip(self.messages, rows.tolist(), strict=False) if keep]
+        readable = np.delete(rows, self.damaged).tolist()
+        kept.messages = [message for message, keep in zip(self.messages, readable, strict=False) if keep]
         return kept
 
     @property
@@ -196,11 +203,7 @@ class Topic:
         return [different[k] for k in order], np.append(np.argsort(order), -1)[of_row]
 
     def decoded(self) -> list[tuple[Any, ...]]:
-        """Return the values of each of `messages`, see `cdr.decode`.
-
-        Raises:
-            LogError: a message is cut short or not CDR.
-        """
+        """Return the values of each of `messages`, see `cdr.decode`."""
         return [cdr.decode(self.type_name, message) for message in self.messages]
 
     def _taken(self) -> None:

@@ -110,6 +110,21 @@ def test_a_message_that_cannot_be_read_stops_neither_inspect_nor_compare(tmp_pat
     assert any("2 of 100 messages of /pose are cut short or damaged, and left out" in note for note in notes)
 
 
+def test_a_diagnostic_message_that_cannot_be_read_is_left_out_and_told(tmp_path: Path) -> None:
+    pose, health = "geometry_msgs/msg/PoseStamped", "diagnostic_msgs/msg/DiagnosticArray"
+    rows = []
+    for k in range(10):
+        at = 10_000_000 * k
+        rows.append(("/pose", pose, at, cdr.encode(pose, at, "world", (0.1 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))))
+        data = cdr.encode(health, at, "", [(0, "rb_dynamics", f"message {k}", "", [])])
+        rows.append(("/diagnostics", health, at, data[:-6] if k in (4, 9) else data))
+    found = rb.inspect(write_rows(tmp_path / "damaged.mcap", rows)).summary
+    failed = {check.name: check.detail for check in found.checks if not check.passed}
+    assert failed == {"/diagnostics is whole": "2 of 10 messages are cut short or damaged, the first is number 5"}
+    assert found.health is not None
+    assert found.health.message == "message 8"
+
+
 def test_a_stricter_bound_fails_a_balance(flight: Flight) -> None:
     assert not rb.inspect(flight.log, bound=1e-300).passed
 
