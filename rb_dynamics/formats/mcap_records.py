@@ -272,6 +272,8 @@ class McapFile:
     # Whether the chunk read last is, or may be.
     _broken: bool = False
     _data_end: int = 0
+    # Where the summary begins by the footer, if the data end there.
+    _summary_begin: int | None = None
     _counts: Counter[str] = field(default_factory=Counter)
     _statistics: dict[str, int] = field(default_factory=dict)
     _records_left: int = 0
@@ -454,6 +456,7 @@ class McapFile:
             start = _behind_data(file, max(begin, end - MAX_RECORD_BYTES), end)
             if _RECORD.unpack(head) == (Opcode.FOOTER, _FOOTER.size) and said_start and start is not None:
                 file.seek(start)
+                self._summary_begin = start if start == said_start else None
                 summary, at = file.read(end - start), 0
                 indexed, chunks = Counter[tuple[int, int]](), -1
                 if said and zlib.crc32(head + footer[:-4], zlib.crc32(summary)) != said:
@@ -734,7 +737,8 @@ class McapFile:
                 # Where bytes were lost, one message has those of two.
                 what += "; whether messages of the chunk there were changed cannot be known"
             self.damage.append(str(self._damage(what)))
-            self.unplaced = True
+            self.complete = self._data_end + len(_DATA_END_HEAD) + 4 == self._summary_begin
+            self.unplaced |= not self.complete
         return following
 
     def _disguised_chunk(self, file: BinaryIO, start: int, size: int, opcode: int, length: int) -> int | None:

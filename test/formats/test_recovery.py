@@ -492,6 +492,22 @@ def test_a_flip_in_the_summary_is_named_and_what_the_data_say_is_copied(tmp_path
     assert found.channels == whole.channels
 
 
+def test_a_wrong_length_in_the_summary_loses_nothing(tmp_path: Path) -> None:
+    log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 0.1\n"), [], [McapSink(log)])
+    whole = log.read_bytes()
+    (at,) = struct.unpack_from("<Q", whole, len(whole) - 28)
+    while whole[at] != 2:  # the footer
+        data = bytearray(whole)
+        data[at + 5] ^= 1  # its length is wrong by 2^32
+        log.write_bytes(data)
+        (found,) = recover(log, saved)
+        assert (found.state, found.missing, found.unplaced) == ("damaged", [], False)
+        assert read_bag(saved).whole
+        assert not read_bag(saved).unplaced
+        at += 9 + struct.unpack_from("<Q", whole, at + 1)[0]
+
+
 def test_a_flip_in_the_scene_is_no_other_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The motion of another mass would look as good; and its copy would have a checksum that fits."""
     log, saved = tmp_path / "run.mcap", tmp_path / "saved.mcap"
