@@ -56,8 +56,10 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
     """
     # Read the whole log once first: this finds damage, and creates all topics before the first message.
     source = open_source(log)
-    elsewhen = Counter(
-        message.channel.topic for message in source.messages() if RUN in source.metadata and _acts_elsewhen(message)
+    retimed = Counter(
+        message.channel.topic
+        for message in source.messages()
+        if RUN in source.metadata and _may_act_at_another_time(message)
     )
     rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -66,8 +68,8 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
             publishers = {channel.topic: _publisher(node, channel) for channel in source.channels.values()}
             ticks = node.create_publisher(Clock, "/clock", 1) if clock and "/clock" not in publishers else None
             known = {topic: each for topic, each in publishers.items() if each is not None}
-            if elsewhen:
-                told = ", ".join(f"{count} on {topic}" for topic, count in elsewhen.items())
+            if retimed:
+                told = ", ".join(f"{count} on {topic}" for topic, count in retimed.items())
                 node.get_logger().warning(
                     f"commands ({told}) are stamped later than the simulation time at which they took effect, as those "
                     "of a node in real time, or not at all, as those to actuators: a node in lockstep does not repeat "
@@ -81,8 +83,8 @@ def publish(log: str | Path, rate: float = 1.0, clock: bool = False, ros_args: S
         rclpy.try_shutdown()
 
 
-def _acts_elsewhen(message: Message) -> bool:
-    """Return whether a node in lockstep may take this for a command of another time than that of its effect."""
+def _may_act_at_another_time(message: Message) -> bool:
+    """Return whether a node in lockstep may let this command act at another time than the log says."""
     topic, kind = message.channel.topic, message.channel.type_name
     if kind != WRENCH:
         return kind == SCALAR and topic.endswith(COMMAND)

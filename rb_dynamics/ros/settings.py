@@ -25,6 +25,7 @@ from rb_dynamics.ros.publishers import Topics
 from rb_dynamics.ros.runner import Mode
 from rb_dynamics.scene import read_scene
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.overrides import root_of
 from rb_dynamics.scene.read import ROOT_KEYS
 from rb_dynamics.sinks.log_options import LogOptions
 from rb_dynamics.sinks.mcap_sink import FLUSH_S, LogSettings
@@ -192,7 +193,7 @@ def require_known(name: str) -> None:
     Raises:
         SceneError: it is neither; the message names the nearest, and all of them.
     """
-    section = name.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]
+    section = root_of(name)
     if name in _PARAMETERS or section in ROOT_KEYS:
         return
     known = (*_PARAMETERS, *ROOT_KEYS)

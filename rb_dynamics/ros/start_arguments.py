@@ -17,6 +17,7 @@ from rb_dynamics.formats.yaml import document
 from rb_dynamics.formats.yaml.document import Node
 from rb_dynamics.formats.yaml.problems import Problems, printable
 from rb_dynamics.numerics.number_parsing import real_number, whole_number
+from rb_dynamics.scene.overrides import root_of
 from rb_dynamics.scene.read import ROOT_KEYS, read_scene
 
 LOGS = ("mcap", "bag", "rerun", "sink")
@@ -99,7 +100,7 @@ def side_by_side(
     Raises:
         SceneError: the scene is not valid.
     """
-    overrides = {name: value for name, value in given.items() if re.split(r"[.[]", name)[0] in ROOT_KEYS}
+    overrides = {name: value for name, value in given.items() if root_of(name) in ROOT_KEYS}
     first = read_scene(scene, overrides).initial.position_world
     places = [[x + k * each for x, each in zip(first, spacing, strict=True)] for k in range(count)]
     return {f"{prefix}{k + 1}": {"initial.position_world": place} for k, place in enumerate(places)}

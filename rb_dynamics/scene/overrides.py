@@ -22,6 +22,11 @@ _EITHER = (("solver", "step", "accuracy"), ("initial", "linear_velocity_world", 
 """Section and keys of which it has one."""
 
 
+def root_of(key: str) -> str:
+    """Return the key of the whole document with which a dotted key begins."""
+    return re.split(r"[.\[]", key, maxsplit=1)[0]
+
+
 def merged(overrides: Mapping[str, object], later: Mapping[str, object]) -> dict[str, object]:
     """Return both; `later` ones win, and replace what cannot stand beside them, as `apply_overrides` says."""
     gone = {

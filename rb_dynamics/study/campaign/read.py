@@ -22,7 +22,7 @@ from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.numerics.nanoseconds import LONGEST, NANOSECONDS, exact_period_ns
 from rb_dynamics.numerics.rotation import IDENTITY, unit
 from rb_dynamics.scene.model import Scene
-from rb_dynamics.scene.overrides import apply_overrides, merged
+from rb_dynamics.scene.overrides import apply_overrides, merged, root_of
 from rb_dynamics.scene.read import parse_scene, read_scene
 from rb_dynamics.study.campaign import laws
 from rb_dynamics.study.campaign.block_propagation import CHANNEL, FORCE, TORQUE, step_ns
@@ -40,8 +40,6 @@ _ROOT_KEYS = (
     "require",
 )  # fmt: skip
 _CONTROL_KEYS = ("law", "rate", "delay", "through", "saturation", "bias", "noise", "parameters")
-
-_FIRST = re.compile(r"[.\[]")
 
 _COLUMNS = ("run", "seed", "passed", "error")
 
@@ -83,7 +81,7 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
             f"{source}: found a scene, expected a campaign; run it with rb-dynamics simulate {source}, or write "
             "a campaign with scene, runs and metrics (docs/campaigns.md)"
         )
-    of_scene = {key: value for key, value in overrides.items() if _FIRST.split(key)[0] not in _ROOT_KEYS}
+    of_scene = {key: value for key, value in overrides.items() if root_of(key) not in _ROOT_KEYS}
     apply_overrides(tree, {key: value for key, value in overrides.items() if key not in of_scene}, problems)
     if of_scene and isinstance(tree.value, dict):
         given = document.plain(tree.value["set"]) if "set" in tree.value else {}
