@@ -78,8 +78,8 @@ from rb_dynamics.sinks.failure_guard import GuardedSink
 _LONGEST_SLEEP, _BETWEEN_SPINS, _LONGEST_SPIN = 0.006, 0.1, 0.005
 # s before an output: commands that arrived until then are computed before the output is due, and do not delay it.
 _LAST_LOOK = 0.0004
-# s for the answers to those who wait for the last output.
-_LAST_ANSWERS = 1.0
+# s for the answers to those who wait for the last output: they take milliseconds, but not on a machine that is busy.
+_LAST_ANSWERS = 10.0
 # s that a publisher may take longer than a reader until each has found the other.
 _FINDS_S = 1.0
 # prctl(2): by how many ns Linux may delay the end of a sleep to merge wake-ups; the default is 50 000.
@@ -171,6 +171,8 @@ class RigidBodyNode(Node):
         # Since when the reader in its place has found every publisher, by the monotonic clock, s.
         self._found: dict[str, float] = {}
         self._taken: deque[tuple[object, ...]] = deque(maxlen=COMMAND_DEPTH)
+        # Topics of commands to actuators that are not there, as of the last look.
+        self._absent: list[str] = []
         require_overridable(self, elsewhere, shared)
         self._neighbours = Neighbours(self, self._topic_sink.publishers, self._health)
         # Channels without publishers are not polled: it would cost 1 % of a processor at 1 kHz.
@@ -401,8 +403,13 @@ class RigidBodyNode(Node):
         self._health.holds("types", (unheard and f"{'; '.join(unheard)}; {remedy}") or "")
 
     def _hear_of_absent(self) -> None:
-        """Warn of commands to actuators that the scene does not have."""
-        topics = unheard_commands(self)
+        """Warn of commands to actuators that the scene does not have, at the second look that finds them.
+
+        Discovery may tell of a publisher before it tells of the reader beside it.
+        """
+        found = unheard_commands(self)
+        topics = [topic for topic in found if topic in self._absent]
+        self._absent = found
         self._health.unheard = len(topics)
         known = ", ".join(self.resolve_topic_name(topic) for topic in self._actuators) or "none, as the scene has none"
         told = f"{', '.join(topics)}: commands that no node receives, expected those of an actuator here: {known}"

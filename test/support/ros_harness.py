@@ -75,14 +75,16 @@ class NodeProcess:
 
 @contextlib.contextmanager
 def running(scene: Path | str, *ros_args: str, **parameters: object) -> Iterator[NodeProcess]:
-    """Run a node and make sure that it is gone afterwards."""
+    """Run a node and make sure that it is gone afterwards; where it is not ended by the test, what it said is printed."""
     node = NodeProcess(scene, *ros_args, **parameters)
     try:
         yield node
     finally:
-        if node.process.poll() is None:
+        if node.process.returncode is None:
+            ended = node.process.poll()
             node.process.kill()
-        node.process.communicate()
+            out, err = node.process.communicate()
+            print(f"the node had {'not ended' if ended is None else f'ended with {ended}'}, and said:\n{out}{err}")
 
 
 class Peer:
