@@ -57,7 +57,7 @@ def outcomes_of(
         # A command that was still delayed at the end has had no effect.
         end_ns = int(track.pose.time_ns[-1])
         honoured = Counter({at: number for at, number in honoured.items() if at <= end_ns})
-    pieces = track.bag.missing
+    pieces = track.missing
 
     # The effect of a command is written after it, with the same time: if a log is cut off there, the effect is lost.
     last = (
@@ -107,7 +107,7 @@ def _known(track: Track, drops: list[int]) -> bool:
     """Return whether `drops` are all there were, or at least some if a piece is missing."""
     if track.bag.complete:
         return True
-    if track.bag.missing:
+    if track.missing:
         return bool(drops)
     return not any(gaps(series.time_ns) for series in track.motion)
 

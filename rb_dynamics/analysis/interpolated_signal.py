@@ -174,7 +174,7 @@ class MotionSignals:
     @classmethod
     def of(cls, track: Track) -> MotionSignals:
         """Return the motion of `track`; columns that nothing measures are NaN in it."""
-        pose, twist, missing = track.pose, track.twist, track.bag.missing
+        pose, twist, missing = track.pose, track.twist, track.missing
 
         def measured(series: TimeSeries | None, columns: slice) -> Signal | None:
             if series is None or not len(series.time_ns) or np.isnan(series.values[:, columns]).any():

@@ -276,7 +276,7 @@ def _unexpected(
         if dropped and track.bag.complete:
             dropped = before is not None and at - before == timeout_ns
         # What is beyond the range of a track is not in its rows.
-        if not (given or dropped) and known and not any(begin <= at <= end for begin, end in track.bag.missing):
+        if not (given or dropped) and known and not any(begin <= at <= end for begin, end in track.missing):
             return int(at)
         # What was held at the beginning has been so for longer.
         before = since if at == 0 and before == since and since is not None else at

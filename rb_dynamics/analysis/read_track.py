@@ -269,9 +269,10 @@ class _TrackReader:
             rates=rates,
             specific_force=self.specific_force,
             wheels=wheels,
+            missing=self._missing(own),
         )
         if self.scene is not None:
-            held = acting_wrenches(wrenches, self.scene, self.bag.missing, track.zero_ns)
+            held = acting_wrenches(wrenches, self.scene, track.missing, track.zero_ns)
             track = replace(track, by_scene=held)
         if twist is not None and pose is None and not (own or spikes):
             pushes = ((each.time_ns, np.hstack([each.force, each.torque])) for each in track.by_scene or wrenches)
@@ -871,6 +872,33 @@ class _TrackReader:
 
     def _on_one_clock(self, series: TimeSeries | None) -> TimeSeries | None:
         return None if series is None else replace(series, time_ns=self._line(series.topic).stamps(series.time_ns))
+
+    def _missing(self, own: bool) -> tuple[tuple[int, int], ...]:
+        """Return each piece that the bag lacks by the clock of the motion: the last stamp before it, the first after.
+
+        The bag knows log times, which may be those of another clock.
+        """
+        if own or not self.bag.missing:
+            return tuple(self.bag.missing)
+        stamped = []
+        for name, use in self.uses.items():
+            topic = self.bag.topics[name]
+            if topic.count and use.startswith(("pose", "twist", "wrench")) and not standing(topic.stamps):
+                stamps = topic.stamps if topic.stamps_given else self._line(name).stamps(topic.log_times)
+                near = ~np.isin(stamps, strays(stamps))
+                stamped.append((topic.log_times[near], stamps[near]))
+        if not stamped:
+            return tuple(self.bag.missing)
+        log_times, stamps = map(np.concatenate, zip(*stamped, strict=True))
+        late = log_times - stamps
+
+        def told(begin: int, end: int) -> tuple[int, int]:
+            before, after = log_times <= begin, log_times >= end
+            first = stamps[before].max() if before.any() else begin - late[after].min()
+            last = stamps[after].min() if after.any() else end - late[before].min()
+            return int(first), int(max(first, last))
+
+        return tuple(told(begin, end) for begin, end in self.bag.missing)
 
     def _body(self) -> tuple[RigidBody | None, str]:
         if self.scene is not None:

@@ -522,7 +522,7 @@ def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[floa
     if one is None or other is None:
         return None
     signals = [
-        Signal.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.bag.missing)
+        Signal.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.missing)
         for series, track in ((one, a), (other, b))
     ]
     axes = "" if name == "kinetic_energy" else "world"

@@ -508,7 +508,7 @@ def _channel(
         first_s=float(at[0]) if len(at) else None,
         last_s=float(at[-1]) if len(at) else None,
         usual_s=float(np.median(np.diff(at))) if len(at) > 1 else None,
-        held_s=_held_at_the_end(track, steps.without(track.bag.missing), at),
+        held_s=_held_at_the_end(track, steps.without(track.missing), at),
         largest_force=_largest(steps.force, steps),
         largest_torque=_largest(steps.torque, steps),
         silences=() if source is None else _silences(track, source),

@@ -243,6 +243,7 @@ class Track:
         uses: purpose of each topic that is used.
         pointing: angle of the attitude from a target, rad, where one was given.
         wheels: speeds of the reaction wheels, by the clock of the motion, where they were given.
+        missing: first and last time of each piece of the recording that is not here, by the clock of the motion.
     """
 
     bag: Bag
@@ -272,6 +273,7 @@ class Track:
     motor_work: TimeSeries | None = None
     friction_heat: TimeSeries | None = None
     wheels: WheelSpeeds | None = None
+    missing: tuple[tuple[int, int], ...] = ()
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -343,8 +345,7 @@ class Track:
     @property
     def recorded(self) -> tuple[RecordedWrench, ...]:
         """`wrenches`, marked unknown after a missing piece of the recording."""
-        missing = self.bag.missing
-        return tuple(steps.without(missing) for steps in self.wrenches)
+        return tuple(steps.without(self.missing) for steps in self.wrenches)
 
     def seconds(self, time_ns: Times) -> Array:
         """Return times as s from `zero_ns`; the difference is computed in integers."""

@@ -98,7 +98,7 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
     found = []
     for channel in channels:
         if channel.timeouts:
-            least = "at least " if track.bag.missing else ""
+            least = "at least " if track.missing else ""
             first = "" if channel.timed_out_s is None else f", first at t = {channel.timed_out_s:.6g} s"
             found.append(f"{channel.topic} timed out {least}{channel.timeouts}×{first}.")
         if channel.silences and not channel.timeouts:

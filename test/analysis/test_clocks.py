@@ -122,3 +122,23 @@ def test_stamps_that_stand_still_are_told_and_the_rest_is_judged(topic: str) -> 
     assert told[f"{topic} is whole"].startswith("stamps stand still: 1000 messages, 1000 with one stamp")
     assert not any("run alike" in each or "another clock" in each for each in summary.warnings)
     assert len(told) == 1
+
+
+@pytest.mark.parametrize("slower", [0.0, 1.0])
+def test_a_piece_that_is_missing_is_told_by_the_stamps(slower: float) -> None:
+    """It was told from t = 1e+09 s, and a wrench that was held before it was taken to act through it."""
+    kept = np.delete(np.arange(COUNT), slice(400, 700))
+    motion = spin().taken(kept)
+    moved = np.rint(10**18 + slower * motion.time_ns).astype(np.int64)
+    bag = bag_of(motion, logged_later_ns=moved)
+    wrench = bag.topics["/wrench"] = Topic("/wrench", PLAIN)
+    logged = bag.topics["/b/pose"].log_times
+    for place in (100, 650):
+        add(wrench, int(logged[place]), cdr.encode(PLAIN, (0.0, 0.0, 0.0, 0.0, 0.0, 0.1)))
+    assert read_track(bag).missing == ()
+    bag.metadata["rb_dynamics.interrupted"] = {"reason": "damaged", "missing_ns": f"{logged[399]} {logged[400]}"}
+    track = read_track(bag)
+    assert track.missing == ((int(motion.time_ns[399]), int(motion.time_ns[400])),)
+    (acting,) = track.acting
+    assert acting.known.tolist() == [True, False, True]
+    assert acting.time_ns.tolist() == pytest.approx([motion.time_ns[k] for k in (100, 399, 650)], abs=SECOND // 50)

@@ -75,7 +75,7 @@ class NodeProcess:
 
 @contextlib.contextmanager
 def running(scene: Path | str, *ros_args: str, **parameters: object) -> Iterator[NodeProcess]:
-    """Run a node and make sure that it is gone afterwards; where it is not ended by the test, what it said is printed."""
+    """Run a node and make sure that it is gone afterwards; if the test did not end it, what it said is written."""
     node = NodeProcess(scene, *ros_args, **parameters)
     try:
         yield node
@@ -84,7 +84,8 @@ def running(scene: Path | str, *ros_args: str, **parameters: object) -> Iterator
             ended = node.process.poll()
             node.process.kill()
             out, err = node.process.communicate()
-            print(f"the node had {'not ended' if ended is None else f'ended with {ended}'}, and said:\n{out}{err}")
+            state = "not ended" if ended is None else f"ended with {ended}"
+            sys.stderr.write(f"the node had {state}, and said:\n{out}{err}\n")
 
 
 class Peer:

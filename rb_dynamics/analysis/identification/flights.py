@@ -667,7 +667,7 @@ def _channels(track: Track, scene: Scene, zero: int, end_ns: int, path: str, not
         raise LogError(f"{path}: {doubt}; choose it with --wrench-topic TOPIC=CHANNEL")
     if track.doubt:
         raise LogError(f"{path}: {track.doubt}")
-    found = [_accepted(wrench, end_ns, path, notes).without(track.bag.missing) for wrench in acting]
+    found = [_accepted(wrench, end_ns, path, notes).without(track.missing) for wrench in acting]
     return [_channel(wrench, zero, end_ns, path) for wrench in found if len(wrench.time_ns)]
 
 
