@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping
 
 SCENE = "scene.yaml"
@@ -48,9 +49,19 @@ SIMULATION_TIME = {"log_time": "simulation"}
 """In it, if it has no messages but those of logs of this package."""
 
 
+PART_NS = "part_ns"
+"""Key in it, in a part: first and last log time of the part, without what is held from before."""
+
+
 def in_simulation_time(metadata: Mapping[str, Mapping[str, str]]) -> bool:
     """Return whether the log time of each command is when it took effect in a run, whatever its stamp."""
     return RUN in metadata or metadata.get(MERGED, {}).items() >= SIMULATION_TIME.items()
+
+
+def part_ns(metadata: Mapping[str, Mapping[str, str]]) -> tuple[int, int] | None:
+    """Return first and last log time of a part, without what is held from before; None for what is no part."""
+    found = re.fullmatch(r"([0-9]{1,19}) ([0-9]{1,19})", metadata.get(MERGED, {}).get(PART_NS, ""))
+    return None if found is None else (int(found[1]), int(found[2]))
 
 
 def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:

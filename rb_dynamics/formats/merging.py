@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
 from rb_dynamics.formats.log_metadata import (
     MERGED,
+    PART_NS,
     RUN,
     SCENE,
     SIMULATION_TIME,
@@ -26,12 +30,17 @@ from rb_dynamics.formats.log_metadata import (
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.message_fields import differ
-from rb_dynamics.formats.message_types import DIAGNOSTICS, TRANSFORMS
+from rb_dynamics.formats.message_types import DIAGNOSTICS, PLAIN_WRENCH, TRANSFORMS, WRENCH
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
 
 # Their messages name what they are about.
 _SHARED = (TRANSFORMS, DIAGNOSTICS)
+
+# Their messages hold until the next.
+_HELD = (WRENCH, PLAIN_WRENCH)
+_Numbered: TypeAlias = tuple[int, Message]
+"""A message and the number of its source."""
 
 # Bags further apart are of two clocks or two days, s.
 _FAR = 86400.0
@@ -48,7 +57,8 @@ class Merged:
 def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     """Write the messages of the bags whose log times are within `span_ns` to the MCAP file `target`, by log time.
 
-    Fixed transforms and other latched topics are those of the whole bags. Topics of one name and type become one.
+    Fixed transforms and other latched topics are those of the whole bags; of each topic of wrenches the last message
+    before `span_ns` is there too, as it is held then. Topics of one name and type become one.
     Topics without a definition of their type are left out, since nothing could read it.
 
     Raises:
@@ -62,9 +72,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
         copy = Copy(file)
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}
-        for number, message in _by_log_time(sources):
-            if not (_holds(message.channel) or span_ns[0] <= message.log_time <= span_ns[1]):
-                continue
+        begin_ns = end_ns = None
+        for number, message in _part(paths, sources, span_ns):
             channel = _defined(message.channel)
             if channel is None:
                 unknown[message.channel.topic] = message.channel.type_name
@@ -82,6 +91,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
                 )
             copy.add(message._replace(channel=replace(channel, schema=known)))
             found.messages += 1
+            if span_ns[0] <= message.log_time <= span_ns[1]:
+                begin_ns, end_ns = message.log_time if begin_ns is None else begin_ns, message.log_time
             ends = spans.setdefault(channel.topic, {})
             first, last = ends.get(number, (message.log_time, message.log_time))
             ends[number] = min(first, message.log_time), max(last, message.log_time)
@@ -93,6 +104,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
         told = {"sources": ", ".join(source.path.name for source in sources)}
         if all(in_simulation_time(source.metadata) for source in sources):
             told |= SIMULATION_TIME
+        if span_ns[0] > -math.inf and begin_ns is not None:
+            told[PART_NS] = f"{begin_ns} {end_ns}"
         copy.finish((), _scenes(sources), {MERGED: told})
     if unknown:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(unknown.items()))
@@ -102,10 +115,10 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     return found
 
 
-def _by_log_time(sources: Sequence[Source]) -> Iterator[tuple[int, Message]]:
+def _by_log_time(sources: Sequence[Source]) -> Iterator[_Numbered]:
     """Yield the messages of all, each with the number of its source; those of one source in its order."""
 
-    def numbered(number: int, source: Source) -> Iterator[tuple[int, Message]]:
+    def numbered(number: int, source: Source) -> Iterator[_Numbered]:
         for message in source.messages():
             yield number, message
 
@@ -113,7 +126,51 @@ def _by_log_time(sources: Sequence[Source]) -> Iterator[tuple[int, Message]]:
     return heapq.merge(*streams, key=lambda each: each[1].log_time)
 
 
-def _holds(channel: McapChannel) -> bool:
+def _part(paths: Sequence[Path], sources: Sequence[Source], span_ns: tuple[float, float]) -> Iterator[_Numbered]:
+    """Yield the messages in `span_ns`, and before it those that hold in it."""
+    held = _held(paths, span_ns[0]) if span_ns[0] > -math.inf else []
+    for number, message in _by_log_time(sources):
+        within = span_ns[0] <= message.log_time <= span_ns[1]
+        if within:
+            yield from held
+            held = []
+        if within or _latched(message.channel):
+            yield number, message
+
+
+def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:
+    """Return the last message before `begin_ns` of each topic of wrenches, by log time.
+
+    Where stamps begin again behind it, another run does, in which it is not held.
+    """
+    found: list[_Numbered] = []
+    for number, path in enumerate(paths):
+        last: dict[str, Message] = {}
+        following: dict[str, Message] = {}
+        for block in open_source(path).blocks():
+            if block.channel.type_name in _HELD and not _latched(block.channel):
+                for message in block.messages():
+                    if message.log_time < begin_ns:
+                        last[block.channel.topic] = message
+                    else:
+                        following.setdefault(block.channel.topic, message)
+        found += (
+            (number, message)
+            for topic, message in last.items()
+            if topic not in following or _stamp(message) <= _stamp(following[topic])
+        )
+    return sorted(found, key=lambda each: each[1].log_time)
+
+
+def _stamp(message: Message) -> int:
+    """Return the stamp, ns; 0 where there is none."""
+    try:
+        return int(cdr.decode(WRENCH, message.data)[0]) if message.channel.type_name == WRENCH else 0
+    except LogError:
+        return 0
+
+
+def _latched(channel: McapChannel) -> bool:
     return is_latched(channel.topic, channel.metadata.get(QOS, ""))
 
 

@@ -29,6 +29,7 @@ from rb_dynamics.formats.log_metadata import (
     in_simulation_time,
     loss,
     next_file,
+    part_ns,
 )
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.message_fields import is_other
@@ -234,6 +235,7 @@ def read_bag(path: str | os.PathLike[str], repeated: bool = True) -> Bag:
     bag.whole = file.complete
     bag.boundaries = tuple(file.boundaries) if isinstance(file, SplitBag) else ()
     bag.complete = not loss(file.complete, file.metadata)
+    bag.cut_ns = part_ns(file.metadata)
     return bag
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
-from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, in_simulation_time, next_file
+from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, in_simulation_time, next_file, part_ns
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
 from rb_dynamics.formats.message_types import SCALAR, WRENCH
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
@@ -642,6 +642,8 @@ class RecordedWrenches:
                 bag.drives_nothing.add(channel.topic)
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
+        # What is held from before is older than the part.
+        bag.begin_ns, _ = part_ns(source.metadata) or (bag.begin_ns, None)
         bag.ours = in_simulation_time(source.metadata)
         bag.origin = list(origin_of(source.metadata).items())
         bag.driven = driven_of(source.metadata)

@@ -11,10 +11,12 @@ from recorded_runs import Flight, flight
 
 import rb_dynamics as rb
 from rb_dynamics.cli import main
+from rb_dynamics.logs.wrench_bags import RecordedWrenches
 
 __all__ = ["flight"]
 
 LATER = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
 
 
 def rows(table: Path) -> list[dict[str, str]]:
@@ -67,6 +69,27 @@ def test_a_part_is_converted(flight: Flight, tmp_path: Path) -> None:
     assert main(["convert", str(bag), str(table), "--from", "2.9"]) == 0
     stamps = [int(row["stamp_ns"]) - LATER for row in rows(table) if row["type"].endswith("PoseStamped")]
     assert stamps == [2_900_000_000 + 20_000_000 * k for k in range(6)]
+
+
+def test_a_part_is_a_bag_with_what_was_held(flight: Flight, tmp_path: Path) -> None:
+    """The force that holds over the whole part came before it: it was said that no inertia explains the motion."""
+    part = tmp_path / "part.mcap"
+    assert main(["convert", str(flight.log), str(part), "--from", "1.1", "--to", "2"]) == 0
+    found = rb.inspect(part)
+    assert found.passed, [check for check in found.summary.checks if not check.passed]
+    assert found.summary.samples == 46
+    compared = rb.compare(flight.log, part)
+    assert compared.commands == []
+
+
+def test_the_run_of_a_part_begins_with_it(flight: Flight, tmp_path: Path) -> None:
+    """Not with the command before it, which is held."""
+    commands = [("/thrust", k * SECOND, (float(k), 0.0, 0.0, 0.0, 0.0, 0.0)) for k in (0, 2)]
+    bag = foreign(tmp_path / "bag.mcap", flight.log, later_ns=LATER, commands=commands)
+    part = tmp_path / "part.mcap"
+    assert main(["convert", str(bag), str(part), "--from", "1.5"]) == 0
+    found = RecordedWrenches([part], ["thrust"], 10 * SECOND, start="auto")
+    assert [(wrench.stamp_ns, wrench.force[0]) for _, wrench in found] == [(-3 * SECOND // 2, 0.0), (SECOND // 2, 2.0)]
 
 
 def test_a_part_is_shown(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,16 +47,21 @@ def test_every_message_is_there_in_the_order_of_time(tmp_path: Path, sqlite: boo
     assert read_bag(tmp_path / "all.mcap").complete
 
 
-def test_a_part_keeps_the_fixed_transforms(tmp_path: Path) -> None:
+def test_a_part_keeps_the_fixed_transforms_and_the_wrench_that_is_held(tmp_path: Path) -> None:
     fixed = ("/tf_static", TF, 0, transforms([transform(0, "base", "camera", [2.0, 0, 0, 0, 0, 0, 1.0])]))
     bag = write_bag(tmp_path / "bag", [fixed, *wrenches("/a", range(10))])
     merge([bag], tmp_path / "part.mcap", (3 * SECOND, 5 * SECOND))
     assert [(time_ns // SECOND, topic) for time_ns, topic, *_ in content(tmp_path / "part.mcap")] == [
         (0, "/tf_static"),
+        (2, "/a"),
         (3, "/a"),
         (4, "/a"),
         (5, "/a"),
     ]
+    part = read_bag(tmp_path / "part.mcap")
+    assert part.cut_ns == (3 * SECOND, 5 * SECOND)
+    merge([bag], tmp_path / "end.mcap", (20 * SECOND, 30 * SECOND))
+    assert [time_ns // SECOND for time_ns, *_ in content(tmp_path / "end.mcap")] == [0]
 
 
 def test_what_may_be_two_bodies_or_two_clocks_is_told(tmp_path: Path) -> None:
