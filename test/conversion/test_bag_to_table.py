@@ -301,7 +301,7 @@ def test_bags_become_one_file_and_a_log_becomes_a_bag(tmp_path: Path, example_di
     simulate(scene, (), [McapSink(log)])
     bag, target = example_dir / "slew.mcap", tmp_path / "part.mcap"
     found = command("convert", bag, target, "--from", "10", "--to", "20")
-    assert (found.returncode, found.stdout) == (0, f"wrote {target}: 404 messages\n")
+    assert (found.returncode, found.stdout) == (0, f"wrote {target}: 406 messages\n")
     refused = command("convert", log, tmp_path / "samples.csv", "--covariances")
     assert refused.returncode == 2
     assert "samples have no covariances" in refused.stderr
