@@ -55,7 +55,7 @@ class Signal:
         other = np.flatnonzero((values != values[first[place.reshape(-1)]]).any(axis=1))
         broken = np.diff(times) > longest_usual(times)
         for begin, end in missing:
-            broken |= (times[:-1] <= end) & (times[1:] >= begin)
+            broken |= (times[:-1] < end) & (times[1:] > begin)
         return cls(times, values[first], broken, time_ns[other], values[other])
 
     @property

@@ -199,7 +199,7 @@ class RecordedWrench:
         The missing piece may contain a change of the wrench.
         """
         begins = np.array([begin_ns for begin_ns, _ in missing], dtype=np.int64)
-        at = np.searchsorted(self.time_ns, begins)
+        at = np.searchsorted(self.time_ns, begins, side="right")
         return replace(
             self,
             time_ns=np.insert(self.time_ns, at, begins),

@@ -64,6 +64,13 @@ def part_ns(metadata: Mapping[str, Mapping[str, str]]) -> tuple[int, int] | None
     return None if found is None else (int(found[1]), int(found[2]))
 
 
+def missing_pieces(metadata: Mapping[str, Mapping[str, str]]) -> list[tuple[int, int]]:
+    """Return first and last log time (ns) of each piece that is not here, in order: damaged, or between two files."""
+    told = metadata.get(INTERRUPTED, {}).get("missing_ns", "")
+    pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
+    return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
+
+
 def next_file(metadata: Mapping[str, Mapping[str, str]]) -> str:
     """Return the file of a bag that follows the one with this metadata; "" if it is the last or does not say."""
     return metadata.get(RESULT, {}).get(CONTINUES_IN, "")

@@ -19,6 +19,9 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
 from rb_dynamics.formats.log_metadata import (
+    CUT_OFF,
+    DAMAGED,
+    INTERRUPTED,
     MERGED,
     PART_NS,
     RUN,
@@ -26,6 +29,8 @@ from rb_dynamics.formats.log_metadata import (
     SIMULATION_TIME,
     in_simulation_time,
     loss,
+    missing_pieces,
+    next_file,
 )
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.message_definitions import schema_text
@@ -73,7 +78,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
         types: dict[str, Schema] = {}
         unknown: dict[str, str] = {}
         begin_ns = end_ns = None
-        for number, message in _part(paths, sources, span_ns):
+        held = _held(paths, span_ns[0]) if span_ns[0] > -math.inf else []
+        for number, message in _part(sources, span_ns, held):
             channel = _defined(message.channel)
             if channel is None:
                 unknown[message.channel.topic] = message.channel.type_name
@@ -106,7 +112,10 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
             told |= SIMULATION_TIME
         if span_ns[0] > -math.inf and begin_ns is not None:
             told[PART_NS] = f"{begin_ns} {end_ns}"
-        copy.finish((), _scenes(sources), {MERGED: told})
+        since_ns = min((message.log_time for _, message in held), default=span_ns[0])
+        pieces = [(a, b) for a, b in _missing(sources, spans) if since_ns <= b and a <= span_ns[1]]
+        missing = {"reason": DAMAGED, "missing_ns": ", ".join(f"{a} {b}" for a, b in pieces)}
+        copy.finish((), _scenes(sources), {MERGED: told} | ({INTERRUPTED: missing} if pieces else {}))
     if unknown:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(unknown.items()))
         found.notes.append(f"Left out, as the bag does not define their types: {listed}.")
@@ -126,9 +135,8 @@ def _by_log_time(sources: Sequence[Source]) -> Iterator[_Numbered]:
     return heapq.merge(*streams, key=lambda each: each[1].log_time)
 
 
-def _part(paths: Sequence[Path], sources: Sequence[Source], span_ns: tuple[float, float]) -> Iterator[_Numbered]:
-    """Yield the messages in `span_ns`, and before it those that hold in it."""
-    held = _held(paths, span_ns[0]) if span_ns[0] > -math.inf else []
+def _part(sources: Sequence[Source], span_ns: tuple[float, float], held: Sequence[_Numbered]) -> Iterator[_Numbered]:
+    """Yield the messages in `span_ns`, and before it those that hold in it: `held`, and latched ones."""
     for number, message in _by_log_time(sources):
         within = span_ns[0] <= message.log_time <= span_ns[1]
         if within:
@@ -168,6 +176,18 @@ def _stamp(message: Message) -> int:
         return int(cdr.decode(WRENCH, message.data)[0]) if message.channel.type_name == WRENCH else 0
     except LogError:
         return 0
+
+
+def _missing(
+    sources: Sequence[Source], spans: Mapping[str, Mapping[int, tuple[int, int]]]
+) -> Iterator[tuple[int, int]]:
+    """Yield first and last log time of each piece that a source lacks, from where it was cut off to the end of all."""
+    ends = {number: max(each[number][1] for each in spans.values() if number in each) for number in range(len(sources))}
+    for number, source in enumerate(sources):
+        yield from missing_pieces(source.metadata)
+        reason = source.metadata.get(INTERRUPTED, {}).get("reason", "")
+        if not source.complete or CUT_OFF in reason or next_file(source.metadata):
+            yield ends[number], max(ends.values())
 
 
 def _latched(channel: McapChannel) -> bool:

@@ -7,7 +7,6 @@ The bag may come from any writer and may be cut off. Reading needs neither ROS n
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from rb_dynamics.formats.log_metadata import (
     UNPLACED,
     in_simulation_time,
     loss,
+    missing_pieces,
     next_file,
     part_ns,
 )
@@ -125,9 +125,7 @@ class Bag:
     @property
     def missing(self) -> list[tuple[int, int]]:
         """First and last log time (ns) of each piece that is not here, in order: damaged, or between two files."""
-        told = self.metadata.get(INTERRUPTED, {}).get("missing_ns", "")
-        pieces = [(int(begin), int(end)) for begin, end in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
-        return sorted((begin, end) for begin, end in pieces if begin <= end < 2**63)
+        return missing_pieces(self.metadata)
 
     @property
     def unplaced(self) -> bool:

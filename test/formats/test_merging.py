@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from foreign_bags import GEOMETRY, STORE, TF, header, of, transform, transforms, write_bag
 
+from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.logs.bag_reader import read_bag
@@ -89,3 +90,17 @@ def test_what_cannot_be_merged_is_one_error(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"/a has the log time -5 ns, expected 0 or more, as MCAP has no earlier times"):
         merge([early], tmp_path / "out.mcap", ALL)
     assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("begin_s", [None, 5])
+def test_what_was_held_when_a_bag_was_cut_off_is_not_known_after_it(tmp_path: Path, begin_s: int | None) -> None:
+    """In what it was merged with, it was taken to act on."""
+    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    merge([write_bag(tmp_path / "bag", wrenches("/a", range(1, 4)))], whole, ALL)
+    cut.write_bytes(whole.read_bytes()[:-9])
+    later = write_bag(tmp_path / "later", wrenches("/b", range(1, 9)))
+    merge([cut, later], tmp_path / "all.mcap", (-math.inf if begin_s is None else begin_s * SECOND, math.inf))
+    bag = read_bag(tmp_path / "all.mcap")
+    assert bag.missing == [(3 * SECOND, 8 * SECOND)]
+    (acting,) = (each for each in read_track(bag).acting if each.topic == "/a")
+    assert (acting.time_ns[-1], acting.known[-1]) == (3 * SECOND, False)
