@@ -8,6 +8,7 @@ import numpy as np
 
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_metadata import TOPICS
 from rb_dynamics.formats.message_types import INERTIA
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
@@ -21,7 +22,8 @@ def part_of(track: Track, window_s: Window) -> Bag:
     """Return the bag of `track` with what lies in `window_s`.
 
     Times are simulation time of a log of this package, else s since the start of the motion.
-    Of each wrench, what was held at the beginning is kept too, and so are mass properties.
+    Of each wrench, what was held at the beginning is kept too, as are commands that then waited for their delay, and
+    mass properties.
 
     Raises:
         LogError: nothing of the motion lies in it.
@@ -41,7 +43,8 @@ def part_of(track: Track, window_s: Window) -> Bag:
     line = ClockLine()
     if stamped and not track.own and stamped[0].stamps_given:
         line = StampClock.of(stamped[0].log_times, stamped[0].stamps).line
-    parts = {name: _part(topic, begin, end, line) for name, topic in track.bag.topics.items()}
+    waits_ns = _delays(track)
+    parts = {name: _part(topic, begin, end, line, waits_ns.get(name, 0)) for name, topic in track.bag.topics.items()}
     logged = np.concatenate([times for _, times in parts.values()])
     cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
     return replace(
@@ -49,8 +52,18 @@ def part_of(track: Track, window_s: Window) -> Bag:
     )
 
 
-def _part(topic: Topic, begin: int, end: int, line: ClockLine) -> tuple[Topic, Times]:
-    """Return the messages from `begin` to `end` and those that are kept too, and the log times of the first alone."""
+def _delays(track: Track) -> dict[str, int]:
+    """Return the delay (ns) of the commands on each topic of a log of this package."""
+    names = track.bag.metadata.get(TOPICS, {})
+    channels = () if track.scene is None or not track.own else track.scene.channels
+    return {names.get(channel.topic, ""): channel.delay_ns for channel in channels}
+
+
+def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int) -> tuple[Topic, Times]:
+    """Return the messages from `begin` to `end` and those that are kept too, and the log times of the first alone.
+
+    Those that came less than `wait` before are kept, and of a wrench the last one before them.
+    """
     if not topic.count:
         return topic, topic.log_times
     known = topic.type_name in KEPT
@@ -58,7 +71,8 @@ def _part(topic: Topic, begin: int, end: int, line: ClockLine) -> tuple[Topic, T
     rows = (times >= begin) & (times <= end)
     logged = topic.log_times[rows]
     if topic.type_name in WRENCHES:
-        before = np.flatnonzero(times < begin)
+        rows |= (times >= begin - wait) & (times < begin)
+        before = np.flatnonzero(times < begin - wait)
         if len(before):
             rows[before[times[before].argmax()]] = True
     return topic.only(rows | (topic.type_name == INERTIA)), logged

@@ -41,6 +41,8 @@ def outcomes_of(
 ) -> CommandOutcomes:
     """Return the outcome of the commands on `source`; `steps` are the applied wrenches.
 
+    Of a part of a log only what came or acted within it counts, not what is held from before.
+
     Args:
         track: the log.
         steps: applied wrenches of the channel.
@@ -49,13 +51,15 @@ def outcomes_of(
         channel: as in the scene.
     """
     delay_ns = channel.delay_ns
+    begin_ns, cut_ns = track.bag.cut_ns or (-(2**63), None)
     came = [(at + delay_ns, wrench) for at, wrench in (track.bag.wrenches(source.name) if source.count else [])]
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
-    honoured = Counter(at for at, _ in came) - Counter(at for at, _ in refused)
-    acted = Counter(steps.time_ns.tolist())
+    honoured = Counter(at for at, _ in came if at >= begin_ns) - Counter(at for at, _ in refused)
+    refused = [(at, wrench) for at, wrench in refused if at - delay_ns >= begin_ns]
+    acted = Counter(at for at in steps.time_ns.tolist() if at >= begin_ns)
     if delay_ns and track.pose is not None and len(track.pose.time_ns):
         # A command that was still delayed at the end has had no effect.
-        end_ns = int(track.pose.time_ns[-1])
+        end_ns = int(track.pose.time_ns[-1]) if cut_ns is None else cut_ns
         honoured = Counter({at: number for at, number in honoured.items() if at <= end_ns})
     pieces = track.missing
 
@@ -78,9 +82,9 @@ def outcomes_of(
     alone -= Counter(steps.time_ns[acts & early].tolist()) - honoured
     alone -= _zeros_before(track, channel)
     drops = known(alone)
-    too_large = [at for at in known(honoured - acted) if at != last]
+    too_large = [at for at in known(honoured - acted) if at != last and at - delay_ns >= begin_ns]
     return CommandOutcomes(
-        applied=len(steps.time_ns) - alone.total(),
+        applied=acted.total() - alone.total(),
         # With a lag there is no drop to see.
         timeouts=len(drops) if _known(track, drops) and not channel.lag else None,
         timed_out_ns=drops[0] if drops and not channel.lag else None,

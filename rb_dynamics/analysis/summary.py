@@ -489,9 +489,12 @@ def _channel(
     frames, commands = steps.frames, steps.time_ns
     if applied is not None:
         commands = np.empty(0, np.int64) if source is None else source.log_times
-    at = track.seconds(commands)
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
+    if known and track.bag.cut_ns:
+        commands = commands[commands >= track.bag.cut_ns[0]]
+        received = len(commands)
+    at = track.seconds(commands)
     return ChannelHistory(
         topic=name,
         frames=frames,
