@@ -218,7 +218,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
     elif left is not None and left.mistimed:
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
-    channels = tuple(_channels(track, health))
+    channels = tuple(_channels(track, None if bag.begins_later else health))
     return RunSummary(
         path=str(bag.path),
         own=track.own,

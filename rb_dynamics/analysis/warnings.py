@@ -86,7 +86,7 @@ def warnings(track: Track, channels: Sequence[ChannelHistory], health: WorstStat
     found += remarks(track)
     if health is not None:
         values = dict(health.values)
-        if values.get("overruns", "0") != "0":
+        if values.get("overruns", "0") != "0" and not track.bag.begins_later:
             dropped = values.get("time dropped", "some time")
             found.append(f"The machine was too slow, or busy, {values['overruns']}×; {dropped} was dropped.")
         if health.worst_level > 0:

@@ -93,6 +93,11 @@ class Bag:
     unset: dict[str, int] = field(default_factory=dict)
 
     @property
+    def begins_later(self) -> bool:
+        """Whether this is a part that does not begin at time 0: counts of a node are those of the run until then."""
+        return self.cut_ns is not None and self.cut_ns[0] > 0
+
+    @property
     def actuated(self) -> list[str]:
         """Names of the topics that are taken for commands to actuators: numbers on NAME/command."""
         return sorted(

@@ -15,6 +15,7 @@ from recorded_runs import SCENE
 
 from rb_dynamics.analysis.gaps import gaps
 from rb_dynamics.analysis.identification.flights import read_flight
+from rb_dynamics.analysis.inspection import inspect
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.errors import LogError
@@ -672,6 +673,25 @@ def test_rejections_come_from_the_diagnostics(tmp_path: Path) -> None:
     assert summary.health is not None
     assert summary.health.worst_level == 1
     assert summary.health.message == "running"
+
+
+def test_what_a_node_counted_since_its_start_is_not_told_of_a_later_part(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    run = Simulation(parse_scene(BRIEF), [McapSink(log)])
+    run.start()
+    counts = {"thrust: late": "3", "thrust: lost": "2", "overruns": "5", "time dropped": "0.5 s"}
+    for until_ns in (20_000_000, 90_000_000):
+        run.advance(until_ns)
+        run.write(Status(run.time_ns, 0, "running", counts))
+    run.finish()
+    whole, first, later = (
+        inspect(log, window_s=window_s).summary for window_s in ((None, None), (None, 0.05), (0.05, None))
+    )
+    for told in (whole, first):
+        assert [(each.late, each.lost) for each in told.channels] == [(3, 2)]
+        assert any("The machine was too slow, or busy, 5×" in each for each in told.warnings)
+    assert [(each.late, each.lost) for each in later.channels] == [(None, None)]
+    assert not later.warnings
 
 
 BRIEF = """
