@@ -47,8 +47,10 @@ Bound: TypeAlias = "float | Mapping[str, float]"
 
 # Number of consecutive samples of the coarser recording without a common stamp that are compared by interpolation.
 _RARE = 10
-# A sample without a stamp of both is compared, too, if it differs by more than so many times what interpolation adds.
+# The error of interpolation is an estimate: it explains differences up to so many times as large, beside rounding
+# errors relative to the largest value. A sample without a stamp of both is compared, too, if it differs by more.
 _EXPLAINED = 4.0
+_ROUNDING = 1e-12
 # A constant difference is named if what remains without it is this many times smaller.
 _CONSTANT = 10.0
 PARTS = 6
@@ -89,6 +91,14 @@ class Difference:
     def max(self) -> float:
         """The largest difference."""
         return float(self.size.max())
+
+    @property
+    def explained(self) -> bool:
+        """Whether interpolation, where there is any, explains the largest difference."""
+        if not self.interpolated:
+            return not self.max
+        largest = float(np.linalg.norm(np.vstack([self.first, self.second]), axis=1).max())
+        return self.max <= _EXPLAINED * self.interpolation + _ROUNDING * largest
 
     @property
     def compared_s(self) -> float:

@@ -157,7 +157,7 @@ def verdict(found: Comparison) -> str:
     if first is None:
         bits = f"the same to the last bit at every sample compared ({found.samples})"
     elif all(each.first_recorded_ns is None for each in _motion(found)):
-        larger = [each.name for each in _motion(found) if each.max > each.interpolation]
+        larger = [each.name for each in _motion(found) if not each.explained]
         size = f"by more than interpolation adds in {_each(larger)}" if larger else "by no more than interpolation adds"
         bits = f"the motions differ at interpolated samples only, {size}"
     else:
@@ -174,7 +174,7 @@ def verdict(found: Comparison) -> str:
     beyond = [name for name in found.beyond if name in found.differences]
     missing = _each(name for name in found.beyond if name not in found.differences)
     judged = f"; BEYOND {_most(found)}: {_each(beyond)}" if beyond else ""
-    if beyond and all(found.differences[name].max <= found.differences[name].interpolation for name in beyond):
+    if beyond and all(found.differences[name].explained for name in beyond):
         judged += ", by no more than interpolation adds: compare at times that both have"
     return bits + judged + (f"; CANNOT JUDGE what is not in both: {missing}" if missing else "")
 

@@ -387,6 +387,24 @@ def test_a_flight_that_goes_on_between_two_outputs_differs_by_no_more_than_inter
     assert "at interpolated samples only, by no more than interpolation adds; BEYOND 1e-06" in verdict(found)
 
 
+@pytest.mark.parametrize(
+    ("commands", "spin"), [([], [0.3, 1.1, -0.2]), (COMMANDS, [3.0, 6.0, -1.0])], ids=["rounding", "estimate"]
+)
+def test_one_motion_at_other_times_differs_by_no_more_than_interpolation_adds(
+    commands: Any, spin: list[float], folder: Path
+) -> None:
+    """Half of all pairs of one run at two rates were told to differ by more."""
+
+    def run(rate: float, first: float) -> Path:
+        scene = {"body__center_of_mass": [0, 0, 0], "initial__angular_velocity_body": [first, *spin[1:]]}
+        return fly(folder / f"{rate:g} {first:g}.mcap", commands, output_rate=rate, **scene)
+
+    one, other, faster = run(37.1, spin[0]), run(43.7, spin[0]), run(43.7, 1.05 * spin[0])
+    assert verdict(rb.compare(one, other)).endswith("interpolated samples only, by no more than interpolation adds")
+    said = verdict(rb.compare(one, faster, start_s=0.1, end_s=3.9))
+    assert said.startswith("the motions differ at interpolated samples only, by more than interpolation adds in")
+
+
 def _rows(series: Any, kept: Any) -> Any:
     return replace(series, time_ns=series.time_ns[kept], values=series.values[kept])
 
