@@ -47,9 +47,8 @@ def part_of(track: Track, window_s: Window) -> Bag:
     parts = {name: _part(topic, begin, end, line, waits_ns.get(name, 0)) for name, topic in track.bag.topics.items()}
     logged = np.concatenate([times for _, times in parts.values()])
     cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
-    return replace(
-        track.bag, topics={name: topic for name, (topic, _) in parts.items()}, cut_ns=cut_ns, zero_ns=zero_ns
-    )
+    topics = {name: topic for name, (topic, _) in parts.items()}
+    return replace(track.bag, topics=topics, cut_ns=cut_ns, window_ns=(begin, end), zero_ns=zero_ns)
 
 
 def _delays(track: Track) -> dict[str, int]:

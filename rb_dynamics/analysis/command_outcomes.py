@@ -51,7 +51,7 @@ def outcomes_of(
         channel: as in the scene.
     """
     delay_ns = channel.delay_ns
-    begin_ns, cut_ns = track.bag.cut_ns or (-(2**63), None)
+    begin_ns, last_ns = track.bag.window_ns or (-(2**63), 2**63 - 1)
     came = [(at + delay_ns, wrench) for at, wrench in (track.bag.wrenches(source.name) if source.count else [])]
     refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
     honoured = Counter(at for at, _ in came if at >= begin_ns) - Counter(at for at, _ in refused)
@@ -59,7 +59,7 @@ def outcomes_of(
     acted = Counter(at for at in steps.time_ns.tolist() if at >= begin_ns)
     if delay_ns and track.pose is not None and len(track.pose.time_ns):
         # A command that was still delayed at the end has had no effect.
-        end_ns = int(track.pose.time_ns[-1]) if cut_ns is None else cut_ns
+        end_ns = min(track.bag.cut_ns[1], last_ns) if track.bag.cut_ns else int(track.pose.time_ns[-1])
         honoured = Counter({at: number for at, number in honoured.items() if at <= end_ns})
     pieces = track.missing
 

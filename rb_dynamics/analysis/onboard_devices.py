@@ -255,7 +255,7 @@ def _numbers(
     found = {name: (topic.stamps, topic.numbers) for name, topic in topics.items()}
     if speeds:
         found[WHEELS[0]] = (np.concatenate([times for times, _ in speeds]), np.vstack([each for _, each in speeds]))
-    first_ns, last_ns = track.span_ns if track.bag.cut_ns else (-(2**63), 2**63 - 1)
+    first_ns, last_ns = track.bag.window_ns or (-(2**63), 2**63 - 1)
     commands = {each.topic for each in scene.actuators}
     for name, (times, rows) in found.items():
         kept = (times >= first_ns) & (times <= last_ns)

@@ -491,8 +491,8 @@ def _channel(
         commands = np.empty(0, np.int64) if source is None else source.log_times
     if source is not None and applied is not None and source.count:
         frames = tuple(sorted({wrench.frame_id for _, wrench in track.bag.wrenches(name)}))
-    if known and track.bag.cut_ns:
-        commands = commands[commands >= track.bag.cut_ns[0]]
+    if known and track.bag.window_ns:
+        commands = commands[commands >= track.bag.window_ns[0]]
         received = len(commands)
     at = track.seconds(commands)
     return ChannelHistory(

@@ -72,6 +72,7 @@ class Bag:
         pairs: names of the topics that are a pair of frames.
         cut_ns: first and last log time of the part that was taken out of what was recorded, without what is held from
             before; None: this is the whole.
+        window_ns: first and last time of such a part as they were asked for, on the clock of the motion.
         zero_ns: from when times of such a part count, as those of the whole do; None: from the start of the motion.
         unset: how many commands on a topic had a stamp of 0 that nobody set beside others: their stamps here are their
             log times, put on the clock of the stamps.
@@ -89,13 +90,14 @@ class Bag:
     boundaries: tuple[FileBoundary, ...] = ()
     pairs: set[str] = field(default_factory=set)
     cut_ns: tuple[int, int] | None = None
+    window_ns: tuple[int, int] | None = None
     zero_ns: int | None = None
     unset: dict[str, int] = field(default_factory=dict)
 
     @property
     def begins_later(self) -> bool:
         """Whether this is a part that does not begin at time 0: counts of a node are those of the run until then."""
-        return self.cut_ns is not None and self.cut_ns[0] > 0
+        return self.window_ns is not None and self.window_ns[0] > 0
 
     @property
     def actuated(self) -> list[str]:

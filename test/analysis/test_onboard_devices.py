@@ -83,6 +83,15 @@ def test_wheels_and_commands_beyond_limits_are_told(log: Path) -> None:
     assert not any("left out" in note for note in found.summary.notes)
 
 
+def test_commands_beside_the_first_and_last_sample_of_a_part_count(tmp_path: Path) -> None:
+    """At 1 Hz the samples of this part go from 1 to 2 s: what came before and after was left out."""
+    times_ns = (600_000_000, 1_200_000_000, 2_200_000_000, 2_500_000_000, 3_100_000_000)
+    commands = [("wheel/command", Setpoint(-0.02, time_ns)) for time_ns in times_ns]
+    flight = fly(tmp_path / "run.mcap", SCENE.replace("output_rate: 20", "output_rate: 1"), commands)
+    (wheel,) = rb.inspect(flight.log, window_s=(0.5, 2.9)).summary.onboard.actuators
+    assert (wheel.name, wheel.commands, wheel.limited) == ("wheel", 4, 4)
+
+
 def test_commands_that_are_no_numbers_are_counted_as_rejected(tmp_path: Path) -> None:
     """They were left out: of a controller that had diverged it was said that no command was rejected."""
     commands = [
