@@ -74,6 +74,8 @@ _KINDS = {
     "gyro": RATES, "accelerometer": ACCELERATION,
 }  # fmt: skip
 
+_ACTING = ("force", "torque", "wheels")
+
 
 def read_csv_flight(
     path: str,
@@ -222,16 +224,16 @@ def _places(
                 f"columns: found {shown(given)} for {quantity}, expected {len(usual)} "
                 f"name{'s' if len(usual) > 1 else ''} of columns; give them in the order of {', '.join(usual)}"
             )
-    # Where columns are named, no others count; but the time need not be named.
+    # Where columns are named, no other sensors count; but the time and what acts need not be named.
     times = [name for name in _TIMES if name in columns] or [name for name in _TIMES if name in names]
     if len(times) != 1:
         raise LogError(
             f"{path}: found {len(times) or 'no'} column{'s' * (len(times) != 1)} of time among {', '.join(names)}, "
             f"expected one of {', '.join(_TIMES)}; name it, as in --columns time_s=stamp"
         )
-    asked = {q: tuple(given) for q, given in columns.items() if q not in _TIMES} or {
-        q: own for q, own in quantities.items() if q not in _TIMES and set(own) <= set(names)
-    }
+    known = {q: own for q, own in quantities.items() if q not in _TIMES and set(own) <= set(names)}
+    asked = {q: tuple(given) for q, given in columns.items() if q not in _TIMES}
+    asked = {q: own for q, own in known.items() if q in _ACTING} | asked if asked else known
     for quantity in ("force", "torque"):
         # A sensor may be left out, but not a part of what acts.
         if not columns and quantity not in asked and (part := sorted(set(quantities[quantity]) & set(names))):

@@ -86,6 +86,16 @@ def test_a_wrench_that_lacks_a_column_is_refused(tmp_path: Path) -> None:
     assert not read_csv_flight(table, guess(BODY), columns={"gyro": ["gyro_x", "gyro_y", "gyro_z"]}).channels
 
 
+def test_what_acts_counts_by_its_usual_names_where_sensors_are_named(tmp_path: Path) -> None:
+    """It was passed over, and the flight was fitted as one without a wrench; named sensors leave out all others."""
+    header = "time_ns,wx,wy,wz,torque_x,torque_y,torque_z,position_world_x,position_world_y,position_world_z"
+    table = write(tmp_path / "acting.csv", header, [f"{k},0,0,1,0,0,2,0,0,{k}" for k in range(5)])
+    flight = read_csv_flight(table, guess(BODY), columns={"gyro": ["wx", "wy", "wz"]})
+
+    assert [stream.kind for stream in flight.streams] == [RATES]
+    assert flight.channels[0].held[:, :6].tolist() == [[0, 0, 0, 0, 0, 2]]
+
+
 @pytest.mark.parametrize(("of", "words"), [("run", "gyro of a and of b"), ("topic", "gyro of a and of b")])
 def test_a_sensor_of_several_runs_or_topics_is_refused(tmp_path: Path, of: str, words: str) -> None:
     """Their rows were taken for samples of one sensor; sensors of different topics are measured in their own rows."""
