@@ -95,7 +95,7 @@ the sender's; `rb_dynamics.epoch` has the ROS time of time 0 if a node stamped i
 """
 
 NODE = """\
-Names are relative and can be remapped. Every topic is RELIABLE; except in lockstep, publishers of commands may be
+Names are relative and can be remapped. Every topic is RELIABLE; except in lockstep, publishers of wrenches may be
 BEST_EFFORT. Stamps are ROS time or simulation time, see `stamps` below; none is zero. A topic without subscribers is
 not computed. [The node in a ROS 2 graph](../ros.md) explains the node's behaviour.
 """

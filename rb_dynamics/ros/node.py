@@ -159,6 +159,9 @@ class RigidBodyNode(Node):
                 topic,
                 partial(self._on_setpoint, topic),
                 COMMAND_DEPTH,
+                event_callbacks=SubscriptionEventCallbacks(
+                    incompatible_qos=partial(self._on_mismatch, topic, self._or_best_effort(topic))
+                ),
                 raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
@@ -182,7 +185,9 @@ class RigidBodyNode(Node):
             "~/set_state",
             self._on_set_state,
             COMMAND_DEPTH,
-            event_callbacks=SubscriptionEventCallbacks(matched=self._on_state_senders),
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=self._on_state_senders, incompatible_qos=partial(self._on_mismatch, "~/set_state", "")
+            ),
         )
         self.create_service(SetBool, "~/pause", self._on_pause)
         # A group of its own: a long step must not block ~/pause or commands.
@@ -328,12 +333,8 @@ class RigidBodyNode(Node):
             if event.last_policy_kind == QoSPolicyKind.RELIABILITY and not asked:
                 self._unheard.add(topic)
                 return
-            self._health.mismatched(topic, event.total_count_change)
             remedy = "as in lockstep no command may be lost" if lockstep else f"or leave out {override}"
-            self._health.failed(
-                f"{topic}: a publisher's QoS is incompatible, expected RELIABLE; its commands have no effect: publish "
-                f"RELIABLE (in rclpy QoSProfile(depth=10), in a shell --qos-reliability reliable), {remedy}"
-            )
+            self._on_mismatch(topic, f", {remedy}", event)
 
         events = SubscriptionEventCallbacks(
             incompatible_qos=mismatched,
@@ -348,6 +349,17 @@ class RigidBodyNode(Node):
             event_callbacks=events,
             raw=True,
             qos_overriding_options=None if lockstep or replaced else QoSOverridingOptions.with_default_policies(),
+        )
+
+    def _or_best_effort(self, topic: str) -> str:
+        name = f"qos_overrides.{self.resolve_topic_name(topic)}.subscription.reliability"
+        return f", or start this node with -p {name}:=best_effort"
+
+    def _on_mismatch(self, topic: str, remedy: str, event: Any) -> None:
+        self._health.mismatched(topic, event.total_count_change)
+        self._health.failed(
+            f"{topic}: a publisher's QoS is incompatible, expected RELIABLE; its messages have no effect: publish "
+            f"RELIABLE (in rclpy QoSProfile(depth=10), in a shell --qos-reliability reliable){remedy}"
         )
 
     def _hear_best_effort(self) -> None:

@@ -7,7 +7,10 @@ import re
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_harness import KEEP_ALL, Peer, running, stamp, values
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64
@@ -132,6 +135,31 @@ actuators: [{type: thruster, name: jet, frame: jet, force: 2.0, minimum_on: 0.01
     opened, closed = bag.topics["/jet/applied"].log_times
     assert closed - opened == 50_000_000
     assert bag.topics["/linear_momentum"].numbers[-1, 0] == pytest.approx(0.1, rel=1e-14)
+
+
+def test_a_best_effort_publisher_that_is_not_heard_is_an_error_that_names_the_remedy(
+    tmp_path: Path, peer: Peer
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("""
+body: {mass: 2, frames: {jet: {position: [0, 0, 0], orientation: {x: 0, y: 0, z: 0, w: 1}}}}
+wrenches: []
+actuators: [{type: thruster, name: jet, frame: jet, force: 2.0}]
+""")
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    commands = peer.node.create_publisher(Float64, "jet/command", best_effort)
+    peer.node.create_publisher(Odometry, "rigid_body/set_state", best_effort)
+    diagnostics = peer.heard["/diagnostics"] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, KEEP_ALL)
+    counts = {"jet/command: incompatible QoS": "1", "~/set_state: incompatible QoS": "1"}
+    with running(scene) as node:
+        peer.until(lambda: diagnostics and counts.items() <= values(diagnostics[-1]).items(), "both to be counted")
+        assert diagnostics[-1].status[0].level == DiagnosticStatus.ERROR
+        node.stop()
+    assert "~/set_state: a publisher's QoS is incompatible, expected RELIABLE" in node.err
+    name, _, value = node.err.partition("start this node with -p ")[2].split()[0].partition(":=")
+    with running(scene, "-p", f"{name}:={value}"):
+        peer.until(lambda: commands.get_subscription_count() == 1, "the reader to match")
 
 
 @pytest.mark.parametrize(
