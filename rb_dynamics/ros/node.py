@@ -152,6 +152,8 @@ class RigidBodyNode(Node):
         self._losses = {topic: Losses() for topic in self._topics}
         # Channels that are read as Wrench, without a stamp.
         self._plain: set[str] = set()
+        # Channels that keep their type because of another reader in this process.
+        self._shared: set[str] = set()
         self._wrench_subscriptions = {topic: self._subscribe(topic) for topic in self._topics}
         self._setpoint_subscriptions = {
             topic: self.create_subscription(
@@ -399,11 +401,8 @@ class RigidBodyNode(Node):
             publishers = self.get_publishers_info_by_topic(subscription.topic_name)
             heard, other = (PLAIN_WRENCH, WRENCH) if topic in self._plain else (WRENCH, PLAIN_WRENCH)
             types = {publisher.topic_type for publisher in publishers}
-            if other in types and heard not in types and not self._settings.mode.lockstep:
-                self.take_commands()
-                self.destroy_subscription(subscription)
-                self._plain ^= {topic}
-                self._wrench_subscriptions[topic] = self._subscribe(topic)
+            asked = other in types and heard not in types and not self._settings.mode.lockstep
+            if asked and topic not in self._shared and self._changes_type(topic):
                 heard = other
                 self.get_logger().info(f"{topic}: subscribed as {heard}, the type of its publisher")
             unheard += [
@@ -411,8 +410,29 @@ class RigidBodyNode(Node):
                 for publisher in publishers
                 if publisher.topic_type != heard
             ]
-        remedy = "it has no effect: lockstep needs WrenchStamped, else a channel takes WrenchStamped or only Wrench"
+        remedy = (
+            "it has no effect: lockstep needs WrenchStamped, as does a topic with another reader in this process, else "
+            "a channel takes WrenchStamped or only Wrench"
+        )
         self._health.holds("types", (unheard and f"{'; '.join(unheard)}; {remedy}") or "")
+
+    def _changes_type(self, topic: str) -> bool:
+        """Read a channel as its other type; return False if another reader in this process keeps it from that."""
+        self.take_commands()
+        readers = [self._wrench_subscriptions[topic], self._replaced.pop(topic, None)]
+        self._found.pop(topic, None)
+        for reader in readers:
+            if reader is not None:
+                self.destroy_subscription(reader)
+        self._plain ^= {topic}
+        try:
+            self._wrench_subscriptions[topic] = self._subscribe(topic)
+        except RuntimeError:
+            self._shared.add(topic)
+            self._plain ^= {topic}
+            self._wrench_subscriptions[topic] = self._subscribe(topic)
+            return False
+        return True
 
     def _hear_of_absent(self) -> None:
         """Warn of commands to actuators that the scene does not have, at the second look that finds them.

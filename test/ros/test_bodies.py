@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from command_line import called
-from geometry_msgs.msg import InertiaStamped, Vector3Stamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, Vector3Stamped, Wrench, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -67,6 +67,23 @@ def test_bodies_of_a_scene_start_beside_the_place_that_it_gives(scene: Path, pee
         first, second = (each[0].pose.pose.position for each in odometry)
         assert (first.x, first.y, first.z) == place
         assert (second.x, second.y, second.z) == (place[0], place[1] + 1.0, place[2])
+
+
+def test_bodies_of_one_process_that_share_a_topic_keep_its_type(tmp_path: Path, peer: Peer) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 2}\nwrenches: [{topic: /all/push}]\n")
+    command = [sys.executable, "-m", "rb_dynamics.ros.bodies", str(scene), "--count", "2"]
+    with subprocess.Popen(command, text=True, stderr=subprocess.PIPE) as process:
+        try:
+            diagnostics = peer.diagnostics()
+            peer.node.create_publisher(Wrench, "/all/push", 10)
+            told = "/all/push: peer publishes geometry_msgs/msg/Wrench, expected geometry_msgs/msg/WrenchStamped"
+            peer.until(lambda: any(told in each.status[0].message for each in diagnostics), "the warning")
+            peer.spin(1.5)
+        finally:
+            process.terminate()
+            _, err = process.communicate()
+    assert process.returncode == 0, err
 
 
 def test_a_node_runs_beside_others_in_an_executor_of_ones_own(scene: Path, peer: Peer, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import rclpy
 from command_line import command
-from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, PoseStamped, Wrench, WrenchStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import LoggerLevel
 from rcl_interfaces.srv import GetParameters, SetLoggerLevels, SetParametersAtomically
@@ -348,3 +348,23 @@ def test_a_best_effort_commander_is_heard_beside_a_reliable_one_each_command_onc
         )
         assert node.stop() == 0
     assert "a publisher offers BEST_EFFORT: its commands are received" in node.out + node.err
+
+
+def test_a_commander_of_another_type_soon_after_a_best_effort_one_is_heard(scene: Path, peer: Peer) -> None:
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    commander = Peer()
+    with running(scene) as node:
+        diagnostics = peer.diagnostics()
+        stamped = peer.node.create_publisher(WrenchStamped, "wrench", best_effort)
+        peer.until(lambda: stamped.get_subscription_count() == 1, "a reader")
+        # The reader that it replaces is still there.
+        plain = commander.node.create_publisher(Wrench, "wrench", best_effort)
+        peer.node.destroy_publisher(stamped)
+
+        def heard() -> bool:
+            plain.publish(Wrench())
+            return bool(diagnostics) and int(values(diagnostics[-1])["wrench: accepted"]) > 0
+
+        peer.until(heard, "a command")
+        assert node.stop() == 0
+    commander.close()
