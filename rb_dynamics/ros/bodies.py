@@ -1,7 +1,8 @@
 """Several bodies in one process, each a node in its own namespace; the bodies do not interact.
 
 They are copies of one scene side by side, or those of a file: {bodies: {tug: {scene: a.yaml, body.mass: 17.0}, ...}},
-where any parameter of the node may be given. With publish_clock the first publishes /clock, and all have its time.
+where any parameter of the node may be given. With publish_clock the first publishes /clock; each keeps its own pace, so
+its stamps leave that clock after a pause, a reset or a lag of one of them.
 
 `launch/bodies.launch.py` does the same with one process per body; docs/ros.md compares the cost. One thread advances
 all bodies, so use the launch file if one core is not enough.
