@@ -7,16 +7,23 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from operator import methodcaller
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from foreign_bags import IMU, SENSOR, Row, header, imu, of, write_bag
+from foreign_bags import GEOMETRY, IMU, SENSOR, Row, header, imu, of, pose, write_bag
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import rb_dynamics as rb
-from rb_dynamics.analysis.identification.flights import flight_of
+from rb_dynamics.analysis.identification import identify
+from rb_dynamics.analysis.identification.flights import ATTITUDE, flight_of
+from rb_dynamics.analysis.identification.measurement_model import Model
+from rb_dynamics.analysis.identification.noise_of_wheels import NoiseOfWheels, noise_of_wheels
+from rb_dynamics.analysis.identification.residuals import Fit
+from rb_dynamics.analysis.identification.stacked_rows import covariance_of
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.sinks.mcap_sink import McapSink
@@ -47,7 +54,14 @@ class Flight(NamedTuple):
         return rb.parse_scene(f"body: {{mass: 5, inertia: {{diagonal: {[rough] * 3}}}}}\nactuators:\n{wheels}{more}")
 
 
-def flown(seed: int, size: float = 0.03, held: float = 0.5, step: float = 0.01, dragged: bool = False) -> Flight:
+def flown(
+    seed: int,
+    size: float = 0.03,
+    held: float = 0.5,
+    step: float = 0.01,
+    dragged: bool = False,
+    seconds: float = SECONDS,
+) -> Flight:
     """Fly a random body whose wheels are driven by random torques of this size (N m), held for so long (s).
 
     If they are `dragged`, they begin at rest, and only viscous friction turns them, on a body that tumbles.
@@ -60,7 +74,7 @@ def flown(seed: int, size: float = 0.03, held: float = 0.5, step: float = 0.01, 
     wheels = 0.1 * rng.uniform(0.01, 0.04, 3)
     coulomb, viscous = (0.0, 1e-3) if dragged else (1e-4, 1e-5)
     rest = np.linalg.inv(inertia - axes.T * wheels @ axes)
-    torques = size * rng.uniform(-1.0, 1.0, (round(SECONDS / held), 3))
+    torques = size * rng.uniform(-1.0, 1.0, (round(seconds / held), 3))
 
     def slope(t: float, state: Any, torque: Any) -> Any:
         rate, speed = state[:3], state[3:]
@@ -68,7 +82,7 @@ def flown(seed: int, size: float = 0.03, held: float = 0.5, step: float = 0.01, 
         change = rest @ (-np.cross(rate, inertia @ rate + axes.T @ (wheels * speed)) - axes.T @ on_wheels)
         return np.hstack([change, on_wheels / wheels - axes @ change])
 
-    times, rows = np.arange(0, SECONDS, step), []
+    times, rows = np.arange(0, seconds, step), []
     state = np.hstack([0.5 * rng.standard_normal(3), rng.uniform(-50, 50, 3)])
     if dragged:
         state, torques = np.hstack([2.0 * state[:3], np.zeros(3)]), 0.0 * torques
@@ -96,8 +110,13 @@ def recorded(
     first: int = 0,
     last: int | None = None,
     every: int = 2,
+    of_imu: int = 1,
+    tracker: float | None = None,
 ) -> Path:
-    """Write gyro, noisy, and speeds of the wheels, another joint among them, as another program does."""
+    """Write gyro, noisy, and speeds of the wheels, another joint among them, as another program does.
+
+    Of so many samples one is kept: `every`, of the gyro `of_imu`. `tracker` is the noise (rad) of poses with it.
+    """
     rng, begin = np.random.default_rng([seed, 9]), 1_700_000_000 * 10**9
     stamps = (begin + np.rint(flight.times * 1e9).astype(np.int64)).tolist()
     rates = flight.rates + gyro * rng.standard_normal(flight.rates.shape)
@@ -105,7 +124,19 @@ def recorded(
     rows: list[Row] = [
         ("/imu", IMU, at + 1000, imu(at, (0, 0, 0, 1), rate, (0, 0, 0), (False, True, False)))
         for at, rate in zip(stamps, rates, strict=True)
-    ]
+    ][::of_imu]
+    if tracker is not None:
+        turns = np.diff(flight.times)[:, None] * (flight.rates[1:] + flight.rates[:-1]) / 2.0
+        attitude = Rotation.identity()
+        for k, at in enumerate(stamps):
+            if k % of_imu == 0:
+                seen = attitude * Rotation.from_rotvec(tracker * rng.standard_normal(3))
+                row = np.append(np.zeros(3), seen.as_quat())
+                rows.append(
+                    ("/pose", f"{GEOMETRY}PoseStamped", at + 3000, of("PoseStamped", header(at, "world"), pose(row)))
+                )
+            if k < len(turns):
+                attitude *= Rotation.from_rotvec(turns[k])
     order = ("wheel_z", "boom", "wheel_x", "wheel_y")
     rows += [
         ("/joint_states", JOINTS, stamps[k] + 2000, joints(stamps[k], order, (told[k, 2], 3.0, *told[k, :2])))
@@ -255,6 +286,35 @@ def test_noise_in_the_speeds_is_in_the_intervals(tmp_path: Path) -> None:
     assert len(off) == 12
     assert max(off) < 2.0
     assert told
+
+
+def test_what_noise_in_the_speeds_does_over_a_long_flight_is_in_the_covariance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of noise in the first speeds, which a fit takes up, it was thought that it stands for noise of the attitudes."""
+    seen: list[Any] = []
+
+    def spied(model: Model, fit: Fit, local: Any) -> NoiseOfWheels:
+        seen[:] = model, fit, local, noise_of_wheels(model, fit, local)
+        return seen[3]
+
+    monkeypatch.setattr(identify, "noise_of_wheels", spied)
+    flight, tracker, gyro = flown(3, size=0.003, held=2.0, seconds=40.0), 2e-4, 1e-3
+    bag = recorded(flight, tmp_path / "a", 103, noise=0.005, gyro=gyro, every=10, of_imu=10, tracker=tracker)
+    rb.identify(flight.scene(), [str(bag)], ["inertia"], starts=1)
+    model, fit, local, found = seen
+    weighted = fit.weighted @ local
+    covariance = covariance_of(weighted)
+
+    def left(other: Model) -> Any:
+        predicted = other.predict(fit.z, derivatives=False)
+        return np.concatenate([np.ravel(each.left / fit.noise[each.key]) for each in predicted])
+
+    others = (model.with_speeds(methodcaller("disturbed", number)) for number in range(100, 132))
+    moves = np.array([left(other) - left(model) for other in others if other is not None]) @ weighted @ covariance
+    noises = {key: tracker if key[1] == ATTITUDE else gyro for key in fit.noise}
+    true = covariance * min(noises[key] / fit.noise[key] for key in noises) ** 2 + moves.T @ moves / len(moves)
+    assert np.sqrt(np.diag(covariance + found.spread) / np.diag(true)).min() > 0.7
 
 
 def test_the_noise_of_speeds_is_that_of_their_samples_whatever_the_wheels_do() -> None:

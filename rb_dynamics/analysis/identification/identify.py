@@ -1164,7 +1164,7 @@ class _Report:
             zip("xyzw", (state[:4] / np.linalg.norm(state[:4])).tolist(), strict=True)
         )
         overrides["initial.angular_velocity_body"] = state[4:7].tolist()
-        if self.model.moves[0]:
+        if self.model.placed[0]:
             for key in ("position_world", "linear_velocity_world"):
                 overrides[f"initial.{key}"] = layout[f"initial[0].{key}"].values(self._kept).tolist()
         overrides |= self._speeds()

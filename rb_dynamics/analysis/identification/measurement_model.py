@@ -153,11 +153,19 @@ class Model:
         self.inertia = InertiaParameters(scene.body)
         self._like = like or Body(scene.body.mass, np.zeros(3), np.array(scene.body.inertia))
         self.starts = [_start(flight) for flight in self.flights]
-        # What other effects depend on is not known.
-        self.moves = [
-            bool(self.others)
-            or any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
+        measured = [
+            any(s.kind in (POSITION, VELOCITY) or (s.kind == ACCELERATION and self._drags) for s in flight.streams)
             for flight in self.flights
+        ]
+        self.moves = [bool(self.others) or each for each in measured]
+        # Other effects depend on position and velocity. Where nothing measures these, an orbit is that of the scene: what
+        # the gradient of gravity tells of it is so rough that it would take up errors of the inertia. But the scene does
+        # not say where the body is when a later piece of a recording begins.
+        fields = [each for i in self.others for each in (scene.effects[i].gravity(), scene.effects[i].magnetic_field())]
+        orbits, begun = any(each is not None for each in fields), [flight.name for flight in self.flights]
+        self.placed = [
+            measured[k] or (self.moves[k] and (not orbits or flight.name in begun[:k]))
+            for k, flight in enumerate(self.flights)
         ]
         if self.others:
             self.starts = [
@@ -319,7 +327,7 @@ class Model:
             name = f"initial[{number}]"
             layout.add(f"{name}.rotation", np.ones(3))
             layout.add(f"{name}.angular_velocity_body", np.full(3, start.fastest), start.rate)
-            if self.moves[number]:
+            if self.placed[number]:
                 layout.add(f"{name}.position_world", np.full(3, start.extent), start.position)
                 speed = start.extent / max(1e-9, self.flights[number].seconds) + float(np.linalg.norm(start.velocity))
                 layout.add(f"{name}.linear_velocity_world", np.full(3, speed), start.velocity)
@@ -514,10 +522,12 @@ class Model:
         state[4:7] = rate = block.values(z)
         by[3:6, block.at] = np.diag(block.scale)
         if self.moves[number]:
-            block = layout[f"{name}.position_world"]
-            state[7:10], by[6:9, block.at] = block.values(z), np.diag(block.scale)
-            block = layout[f"{name}.linear_velocity_world"]
-            state[10:13], by[9:12, block.at] = block.values(z), np.diag(block.scale)
+            state[7:10], state[10:13] = start.position, start.velocity
+            if self.placed[number]:
+                block = layout[f"{name}.position_world"]
+                state[7:10], by[6:9, block.at] = block.values(z), np.diag(block.scale)
+                block = layout[f"{name}.linear_velocity_world"]
+                state[10:13], by[9:12, block.at] = block.values(z), np.diag(block.scale)
             # From the body origin to the centre of mass, and how that changes.
             center, matrix = self.body(z).center_of_mass, rotations.matrices(state[:4])
             hat, spin = rotations.hats(center), rotations.hats(rate)

@@ -311,13 +311,13 @@ def _candidates(model: Model, z: Array) -> list[Candidate]:
         bodies = (model.body(z).inertia, np.array(model.scene.body.inertia))
         part = _ROTOR * min(float(moments_and_axes(inertia)[0][0]) for inertia in bodies)
         found.append(Candidate("a rotor momentum in body axes", "N m s", Rotor.kind, "", "momentum_body", part))
-    pushed = any(model.moves) or any(s.kind == ACCELERATION for f in model.flights for s in f.streams)
+    pushed = any(model.placed) or any(s.kind == ACCELERATION for f in model.flights for s in f.streams)
     if pushed:
         found += [
             Candidate("a constant force in body axes", "N", wrench, frames.body_frame, "force"),
             Candidate("a constant force in world axes", "N", wrench, frames.world_frame, "force"),
         ]
-    if any(model.moves):
+    if any(model.placed):
         found.append(Candidate("a linear drag of translation", "N s/m", drag, "", "translation"))
     gyro = any(s.kind == RATES for f in model.flights for s in f.streams)
     if gyro:

@@ -58,8 +58,10 @@ def noise_of_wheels(model: Model, fit: Fit, local: Array) -> NoiseOfWheels:
     bias = 0.25 * covariance @ (local.T @ ((rising - falling).T @ (more - less)))
     moves = draws @ weighted @ covariance
     # As if it were white noise of the sensors, of which the fit has taken account by what it left.
+    # Of noise in the first speeds, which moves all that follows, it leaves next to nothing.
     ends = np.cumsum([each.left.size for each in fit.predicted])[:-1]
-    shares = [np.full(part.shape[1], np.mean(part**2)) for part in np.split(draws, ends, axis=1)]
+    remains = draws - moves @ weighted.T
+    shares = [np.full(part.shape[1], np.mean(part**2)) for part in np.split(remains, ends, axis=1)]
     white = weighted * np.sqrt(np.concatenate(shares))[:, None] @ covariance
     values, directions = np.linalg.eigh(moves.T @ moves / len(draws) - white.T @ white)
     return NoiseOfWheels(bias, directions * np.maximum(values, 0.0) @ directions.T)

@@ -20,7 +20,7 @@ from rb_dynamics.analysis.identification.identify import _Report
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.model_omissions import _candidates
 from rb_dynamics.analysis.identification.parameters import InertiaParameters
-from rb_dynamics.analysis.identification.rotations import quaternions
+from rb_dynamics.analysis.identification.rotations import products, quaternions
 from rb_dynamics.analysis.track import Array
 from rb_dynamics.cli.commands.identify import as_text
 from rb_dynamics.loads.drag import LinearDrag
@@ -537,6 +537,33 @@ def test_a_flight_that_a_small_disturbance_moves_is_fitted_in_joined_segments() 
     within(found, "inertia_ratios", np.diag([1.0, 1.6, 2.1]) / 4.7, 2.0)
     short = replace(made, streams=tuple(made.until(round(5e9)).streams))
     assert not any("segments" in note for note in identify(guess(body), [short], ["inertia_ratios"]).notes)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_orbit_that_nothing_measures_is_that_of_the_scene(seed: int) -> None:
+    """Position and velocity were fitted to what the gravity gradient tells of them, and moments up to 3 errors off."""
+    scene = parse_scene("""
+body: {mass: 5, inertia: {diagonal: [0.08, 0.1, 0.13]}}
+initial:
+  position_world: [7.0e+6, 0, 0]
+  linear_velocity_world: [0, 7546.0, 0]
+  angular_velocity_body: [0.02, -0.03, 0.015]
+effects: [{type: central_gravity, gravitational_parameter: 3.986004418e+14, gravity_gradient: true}]
+duration: 400
+output_rate: 2
+""")
+    simulate(scene, (), [sink := MemorySink()])
+    random = np.random.default_rng(seed)
+    times = np.array([each.time_ns for each in sink.samples])
+    turned = np.array([each.orientation_xyzw for each in sink.samples])
+    attitude = products(turned, quaternions(2e-4 * random.standard_normal((len(times), 3))))
+    rates = np.array([each.angular_velocity_body for each in sink.samples])
+    rates += 2e-4 * random.standard_normal(rates.shape)
+    flight = Flight("orbit", (Stream("pose", ATTITUDE, times, attitude), Stream("gyro", RATES, times, rates)))
+    found = identify(scene, [flight], ["inertia_ratios"], starts=1)
+    within(found, "inertia_ratios", np.diag([0.08, 0.1, 0.13]) / 0.31, 3.5)
+    initial = found.scene.initial
+    assert (initial.position_world, initial.linear_velocity_world) == ((7e6, 0.0, 0.0), (0.0, 7546.0, 0.0))
 
 
 def test_a_number_near_those_that_its_effect_refuses_is_known() -> None:
