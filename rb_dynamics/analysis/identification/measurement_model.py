@@ -158,9 +158,9 @@ class Model:
             for flight in self.flights
         ]
         self.moves = [bool(self.others) or each for each in measured]
-        # Other effects depend on position and velocity. Where nothing measures these, an orbit is that of the scene: what
-        # the gradient of gravity tells of it is so rough that it would take up errors of the inertia. But the scene does
-        # not say where the body is when a later piece of a recording begins.
+        # Other effects depend on position and velocity. Where nothing measures these, an orbit is that of the scene:
+        # its gravity gradient tells so little of it that in a fit it would take up errors of the inertia. But the scene
+        # does not say where the body is when a later piece of a recording begins.
         fields = [each for i in self.others for each in (scene.effects[i].gravity(), scene.effects[i].magnetic_field())]
         orbits, begun = any(each is not None for each in fields), [flight.name for flight in self.flights]
         self.placed = [
