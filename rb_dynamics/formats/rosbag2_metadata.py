@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from rb_dynamics.errors import SceneError
+from rb_dynamics.errors import LogError, SceneError
 from rb_dynamics.formats.channel_metadata import QOS
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.yaml.document import load
@@ -35,7 +36,11 @@ class BagFile:
 
 
 def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequence[BagFile]) -> Path:
-    """Write `metadata.yaml`, version 9 as in Jazzy, for the files of a bag; returns its path."""
+    """Write `metadata.yaml`, version 9 as in Jazzy, for the files of a bag; returns its path.
+
+    Raises:
+        LogError: it cannot be written; then there is none, as part of one would hide the files.
+    """
     counts: Counter[str] = sum((file.counts for file in files), Counter())
     spoken = [file for file in files if file.counts]
     start_ns = min((file.start_ns for file in spoken), default=0)
@@ -66,7 +71,14 @@ def write_metadata(folder: Path, channels: Sequence[McapChannel], files: Sequenc
     }
     path = folder / METADATA_FILE
     text = yaml.safe_dump({"rosbag2_bagfile_information": facts}, sort_keys=False)
-    path.write_text(text, encoding="utf-8")
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        raise LogError(
+            f"cannot write {path}: {error.strerror or error}; free space, the .mcap files beside it are whole"
+        ) from error
     return path
 
 

@@ -107,11 +107,6 @@ class BagSink:
         try:
             self._end_file(result)
             write_metadata(self.path, list(self._channels.values()), self._files)
-        except OSError as error:
-            raise LogError(
-                f"cannot write {self.path / METADATA_FILE}: {error.strerror or error}; free space, the .mcap files "
-                "beside it are whole"
-            ) from error
         finally:
             self._release()
 

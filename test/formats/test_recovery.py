@@ -759,3 +759,16 @@ def test_a_file_of_another_kind_costs_no_other_of_its_bag(tmp_path: Path) -> Non
     assert (whole.state, sum(whole.file.counts.values())) == ("whole", 1)
     assert (other.state, sum(other.file.counts.values())) == ("cut off and damaged", 0)
     assert "does not begin like an MCAP file" in other.damage[0]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_disk_that_is_full_at_the_end_leaves_files_that_can_be_read(tmp_path: Path) -> None:
+    bag, saved = tmp_path / "bag", tmp_path / "saved"
+    bag.mkdir()
+    saved.mkdir()
+    write_rows(bag / "bag_0.mcap", [("/w", STAMPED, 0, stamped(0, 1.0))])
+    (saved / "metadata.yaml").symlink_to("/dev/full")
+    with pytest.raises(LogError, match=r"metadata\.yaml: No space left on device; free space, the .mcap files"):
+        recover(bag, saved)
+    # Part of it would hide them.
+    assert [file.name for file in saved.iterdir()] == ["bag_0.mcap"]
