@@ -61,7 +61,8 @@ def recover(source: Path, target: Path) -> list[Recovered]:
     times of what is missing within.
 
     Raises:
-        LogError: `source` is no MCAP file or has no whole message, or `target` is `source` or cannot be written.
+        LogError: `source` is no MCAP file or has no whole message, or `target` is `source`, holds files of another bag
+            or cannot be written.
     """
     require_other(target, source)
     if not source.is_dir():
@@ -76,6 +77,11 @@ def recover(source: Path, target: Path) -> list[Recovered]:
         if tables := sorted(source.glob("*.db3")):
             why = instead_of_recover(tables[0])
         raise LogError(f"{source} has no .mcap files in it{why}")
+    if others := sorted({file.name for file in target.glob("*.mcap")} - {file.name for file in files}):
+        raise LogError(
+            f"cannot write {target}: it holds {', '.join(others[:5])}, which would look like a part of the copy; give "
+            "another folder"
+        )
     if not any(map(_says_something, files)):
         raise _nothing(source)
     saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]

@@ -772,3 +772,17 @@ def test_a_disk_that_is_full_at_the_end_leaves_files_that_can_be_read(tmp_path: 
         recover(bag, saved)
     # Part of it would hide them.
     assert [file.name for file in saved.iterdir()] == ["bag_0.mcap"]
+
+
+def test_a_copy_is_not_mixed_with_files_of_another_bag(tmp_path: Path) -> None:
+    long, short, saved = tmp_path / "long", tmp_path / "short", tmp_path / "saved"
+    for folder, count in ((long, 2), (short, 1)):
+        folder.mkdir()
+        for number in range(count):
+            write_rows(folder / f"bag_{number}.mcap", [("/w", STAMPED, number, stamped(number, 1.0))])
+    recover(long, saved)
+    recover(long, saved)  # the same names are replaced
+    kept = (saved / "bag_0.mcap").read_bytes()
+    with pytest.raises(LogError, match=r"it holds bag_1\.mcap, which would look like a part of the copy"):
+        recover(short, saved)
+    assert (saved / "bag_0.mcap").read_bytes() == kept
