@@ -221,14 +221,16 @@ class Flight:
         return sorted([*found, *lost]), sorted(hole for hole in every - {*lost} if hole[1] - hole[0] >= long)
 
     def _without_commands(self, some: Iterable[tuple[int, int]]) -> set[tuple[int, int]]:
-        """Return the holes in which no command of a channel came, for longer than usual, as others did about them."""
+        """Return the holes in which no command of a channel came for longer than usual, though some did about them."""
         found: set[tuple[int, int]] = set()
         for times in (channel.time_ns for channel in self.channels if len(channel.time_ns)):
             usual, ends = longest_usual(times), [-(2**62), *times.tolist(), 2**62]
             for begin, end in some if usual < np.inf else ():
                 # The commands next to it, on either side.
                 one, other = bisect_right(ends, begin) - 1, bisect_left(ends, end)
-                if other == one + 1 and end - begin > usual >= max(begin - ends[one], ends[other] - end):
+                # One may have come within it, as the one that `convert --from` keeps because it is held.
+                pause = int(np.diff(np.clip(ends[one : other + 1], begin, end)).max())
+                if pause > usual >= max(begin - ends[one], ends[other] - end):
                     found.add((begin, end))
         return found
 

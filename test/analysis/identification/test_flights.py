@@ -782,6 +782,20 @@ def test_a_hole_without_the_commands_that_came_steadily_begins_another_piece() -
     assert not whole.notes
 
 
+def test_a_hole_without_commands_is_one_if_the_last_of_them_was_kept() -> None:
+    """Of two parts that `convert` cut and merged the second has what was held: it was said that no body explains it."""
+    made = flown(random_body(np.random.default_rng(3)), np.random.default_rng(3), torque=1.0, seconds=20.0)
+    (channel,) = made.channels
+    (held,) = np.flatnonzero(channel.time_ns < 10 * 10**9)[-1:]
+    less = with_hole(made, 8.0, 10.0, commands=False)
+    (cut,) = less.channels
+    time, wrench = channel.time_ns[held], channel.held[held]
+    at = np.searchsorted(cut.time_ns, time)
+    kept = WrenchSeries(cut.topic, np.insert(cut.time_ns, at, time), np.insert(cut.held, at, wrench, axis=0))
+    first, second = replace(less, channels=(kept,)).pieces()
+    assert [each.span_ns for each in (first, second)] == [(0, 8 * 10**9), (10 * 10**9, 20 * 10**9)]
+
+
 def test_many_holes_without_commands_do_not_make_as_many_pieces() -> None:
     made = flown(random_body(np.random.default_rng(3)), np.random.default_rng(3), torque=1.0, seconds=130.0)
     for k in range(25):
