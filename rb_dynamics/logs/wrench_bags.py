@@ -45,14 +45,14 @@ Start: TypeAlias = Literal["auto", "bag", "first", "stamp"] | int
 """Which time is time 0 of the run.
 
 stamp: 0 of the stamps. first: the first command. bag: the first message of any topic, or the first command where that
-is stamped up to 1 s earlier, for it takes time to be recorded, or the first stamp of commands and motion where log
-times do not follow the stamps, as over a link that stalls. Log times that are of another clock than the stamps are
-moved to theirs. An integer: that stamp, ns. auto: as with stamp for each bag of which some commands lie within the run
-so, as with bag for the others, unless they begin less than 1e6 s after a run that some bag reaches: these are later in
-the same time. Several bags are of one time: the earliest of their starts is that of all. Except with stamp, commands of
-a bag without any stamp, and of a log of ours, which says when each took effect, go by their log times. Commands to
-actuators, and Wrench, have no stamps and always do. These log times are put on the clock of the stamps of the motion
-beside them.
+is stamped up to 1 s earlier, for it takes time to be recorded (not of a part, whose first may be held from before), or
+the first stamp of commands and motion where log times do not follow the stamps, as over a link that stalls. Log times
+that are of another clock than the stamps are moved to theirs. An integer: that stamp, ns. auto: as with stamp for each
+bag of which some commands lie within the run so, as with bag for the others, unless they begin less than 1e6 s after a
+run that some bag reaches: these are later in the same time. Several bags are of one time: the earliest of their starts
+is that of all. Except with stamp, commands of a bag without any stamp, and of a log of ours, which says when each took
+effect, go by their log times. Commands to actuators, and Wrench, have no stamps and always do. These log times are put
+on the clock of the stamps of the motion beside them.
 """
 
 _NANOSECONDS = 1_000_000_000
@@ -126,7 +126,8 @@ class _Recording:
         offset_ns: of time 0 of the run, by the clock that counts.
         found: commands on each of its wrench topics.
         count: commands for channels of the scene.
-        begin_ns: the earliest log time of any message.
+        begin_ns: the earliest log time of any message, but of what a part has from before.
+        part: whether it is a part of a recording.
         behind_ns: how far its commands are recorded behind their stamps, at least; None without any.
         sum_ns: that of each of them, summed.
         stamped: how many these are.
@@ -173,6 +174,7 @@ class _Recording:
     found: Counter[str] = field(default_factory=Counter)
     count: int = 0
     begin_ns: int | None = None
+    part: bool = False
     behind_ns: int | None = None
     sum_ns: float = 0.0
     stamped: int = 0
@@ -281,7 +283,8 @@ class _Recording:
         if self.stalls:
             moves_ns = first_ns if self.moves_ns is None else self.moves_ns
             return min(first_ns, moves_ns) if abs(moves_ns - first_ns) < _ONE_CLOCK_NS else first_ns
-        return first_ns if begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
+        # Of a part, the first command may be one that is held from before.
+        return first_ns if not self.part and begin_ns - _LATENCY_NS <= first_ns < begin_ns else begin_ns
 
     @property
     def stalls(self) -> bool:
@@ -643,7 +646,8 @@ class RecordedWrenches:
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         # What is held from before is older than the part.
-        bag.begin_ns, _ = part_ns(source.metadata) or (bag.begin_ns, None)
+        part = part_ns(source.metadata)
+        bag.begin_ns, bag.part = (part or (bag.begin_ns,))[0], part is not None
         bag.ours = in_simulation_time(source.metadata)
         bag.origin = list(origin_of(source.metadata).items())
         bag.driven = driven_of(source.metadata)

@@ -82,14 +82,16 @@ def test_a_part_is_a_bag_with_what_was_held(flight: Flight, tmp_path: Path) -> N
     assert compared.commands == []
 
 
-def test_the_run_of_a_part_begins_with_it(flight: Flight, tmp_path: Path) -> None:
-    """Not with the command before it, which is held."""
+@pytest.mark.parametrize("half_seconds", [3, 1])
+def test_the_run_of_a_part_begins_with_it(flight: Flight, tmp_path: Path, half_seconds: int) -> None:
+    """Not with the command before it, which is held; of one less than 1 s older it did."""
+    cut_ns = half_seconds * SECOND // 2
     commands = [("/thrust", k * SECOND, (float(k), 0.0, 0.0, 0.0, 0.0, 0.0)) for k in (0, 2)]
     bag = foreign(tmp_path / "bag.mcap", flight.log, later_ns=LATER, commands=commands)
     part = tmp_path / "part.mcap"
-    assert main(["convert", str(bag), str(part), "--from", "1.5"]) == 0
+    assert main(["convert", str(bag), str(part), "--from", str(cut_ns / SECOND)]) == 0
     found = RecordedWrenches([part], ["thrust"], 10 * SECOND, start="auto")
-    assert [(wrench.stamp_ns, wrench.force[0]) for _, wrench in found] == [(-3 * SECOND // 2, 0.0), (SECOND // 2, 2.0)]
+    assert [(wrench.stamp_ns, wrench.force[0]) for _, wrench in found] == [(-cut_ns, 0.0), (2 * SECOND - cut_ns, 2.0)]
 
 
 def test_a_part_is_shown(flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
