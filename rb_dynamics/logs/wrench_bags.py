@@ -646,8 +646,8 @@ class RecordedWrenches:
         absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
         bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
         # What is held from before is older than the part.
-        part = part_ns(source.metadata)
-        bag.begin_ns, bag.part = (part or (bag.begin_ns,))[0], part is not None
+        if (part := part_ns(source.metadata)) is not None:
+            bag.begin_ns, bag.part = part[0], True
         bag.ours = in_simulation_time(source.metadata)
         bag.origin = list(origin_of(source.metadata).items())
         bag.driven = driven_of(source.metadata)
