@@ -307,6 +307,17 @@ class _Recording:
             if kind in KEPT:
                 self.moves_ns = _first(self.moves_ns, int(stamps.min()))
 
+    def take_metadata(self, source: Source) -> None:
+        """Take what a bag that has been read to its end says of itself."""
+        absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
+        self.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
+        # What is held from before is older than the part.
+        if (part := part_ns(source.metadata)) is not None:
+            self.begin_ns, self.part = part[0], True
+        self.ours = in_simulation_time(source.metadata)
+        self.origin = list(origin_of(source.metadata).items())
+        self.driven = driven_of(source.metadata)
+
     def goes_on(self, of: McapChannel, batch: _Batch) -> None:
         """Take the times of further commands of a channel."""
         channel, stamps_ns, bare = id(of), batch.stamps, batch.log_times
@@ -643,14 +654,7 @@ class RecordedWrenches:
                 bag.drives.add(channel.topic)
             elif kind == SCALAR and (name.endswith(COMMAND) or name + COMMAND in self._actuators):
                 bag.drives_nothing.add(channel.topic)
-        absent = source.metadata.get(INTERRUPTED, {}).get(MISSING_FILES) or next_file(source.metadata)
-        bag.lost = "was cut off" if not source.complete else f"is without {absent}" if absent else ""
-        # What is held from before is older than the part.
-        if (part := part_ns(source.metadata)) is not None:
-            bag.begin_ns, bag.part = part[0], True
-        bag.ours = in_simulation_time(source.metadata)
-        bag.origin = list(origin_of(source.metadata).items())
-        bag.driven = driven_of(source.metadata)
+        bag.take_metadata(source)
         return bag
 
     def _out_of_order(self) -> list[str]:
