@@ -5,6 +5,7 @@ Copies what can be read, byte for byte, and reports what could not. The damaged 
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -77,11 +78,7 @@ def recover(source: Path, target: Path) -> list[Recovered]:
         if tables := sorted(source.glob("*.db3")):
             why = instead_of_recover(tables[0])
         raise LogError(f"{source} has no .mcap files in it{why}")
-    if others := sorted({file.name for file in target.glob("*.mcap")} - {file.name for file in files}):
-        raise LogError(
-            f"cannot write {target}: it holds {', '.join(others[:5])}, which would look like a part of the copy; give "
-            "another folder"
-        )
+    earlier = _earlier(target, files)
     if not any(map(_says_something, files)):
         raise _nothing(source)
     saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
@@ -97,8 +94,28 @@ def recover(source: Path, target: Path) -> list[Recovered]:
             each.absent_before = absent_between(files[number - 1], file, saved[number - 1].next_file, files)
     saved[-1].next_file = saved[-1].next_file or next(iter(named.get(None, ())), "")
     channels = {channel.topic: channel for each in saved for channel in each.channels}
+    for old in earlier:
+        old.unlink()
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
+
+
+def _earlier(target: Path, files: Sequence[Path]) -> list[Path]:
+    """Return the files of an earlier bag in `target`, beside those of the names of `files`, which the copy replaces.
+
+    Raises:
+        LogError: its metadata do not name a file there.
+    """
+    others = {file.name for file in target.glob("*.mcap")} - {file.name for file in files}
+    named: set[str] = set()
+    with contextlib.suppress(OSError, LogError):
+        named = {file.name for file in bag_facts(target).files}
+    if unknown := sorted(others - named):
+        raise LogError(
+            f"cannot write {target}: it holds {', '.join(unknown[:5])}, which would look like a part of the copy; give "
+            "another folder"
+        )
+    return [target / name for name in others]
 
 
 def _named_but_absent(folder: Path) -> dict[Path | None, list[str]]:
