@@ -182,11 +182,14 @@ def _missing(
     sources: Sequence[Source], spans: Mapping[str, Mapping[int, tuple[int, int]]]
 ) -> Iterator[tuple[int, int]]:
     """Yield first and last log time of each piece that a source lacks, from where it was cut off to the end of all."""
-    ends = {number: max(each[number][1] for each in spans.values() if number in each) for number in range(len(sources))}
+    ends: dict[int, int] = {}
+    for each in spans.values():
+        for number, (_, last) in each.items():
+            ends[number] = max(last, ends.get(number, last))
     for number, source in enumerate(sources):
         yield from missing_pieces(source.metadata)
         reason = source.metadata.get(INTERRUPTED, {}).get("reason", "")
-        if not source.complete or CUT_OFF in reason or next_file(source.metadata):
+        if number in ends and (not source.complete or CUT_OFF in reason or next_file(source.metadata)):
             yield ends[number], max(ends.values())
 
 

@@ -63,6 +63,8 @@ def test_a_part_keeps_the_fixed_transforms_and_the_wrench_that_is_held(tmp_path:
     assert part.cut_ns == (3 * SECOND, 5 * SECOND)
     merge([bag], tmp_path / "end.mcap", (20 * SECOND, 30 * SECOND))
     assert [time_ns // SECOND for time_ns, *_ in content(tmp_path / "end.mcap")] == [0]
+    late = write_bag(tmp_path / "late", wrenches("/b", range(20, 24)))
+    assert merge([late, bag], tmp_path / "two.mcap", (0, 1 * SECOND)).messages == 3
 
 
 def test_what_may_be_two_bodies_or_two_clocks_is_told(tmp_path: Path) -> None:
