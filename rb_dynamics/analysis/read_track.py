@@ -39,7 +39,7 @@ from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.log_metadata import RUN, unlogged
 from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.actuator import COMMAND
@@ -222,11 +222,11 @@ class _TrackReader:
             wheels = wheels._replace(time_ns=line.stamps(wheels.time_ns))
         frames = self._frames(world, "" if twist_in_world else of_twist)
         wrenches, acted = self._wrenches(frames, own)
-        facts = self.bag.metadata.get(RUN, {})
-        if unlogged := facts.get("effects_not_logged_as_wrench", ""):
+        effects = unlogged(self.bag.metadata)
+        if own and effects:
             acted = False
             self.notes.append(
-                f"Effects acted whose force and torque are not in the log ({unlogged}): momentum is not checked; "
+                f"Effects acted whose force and torque are not in the log ({effects}): momentum is not checked; "
                 "energy is, with the work that the run recorded."
             )
         unrecorded = [] if own else self._unrecorded(wrenches)
@@ -820,7 +820,9 @@ class _TrackReader:
             if each.type_name == JOINTS and each.count and each.name != self.wheels
             if not self._of_another_body(each.name)
         ]
+        effects = unlogged(self.bag.metadata) if self.scene is None else ""
         others = [
+            *[f"the force and torque of {effects} are in no topic"] * bool(effects),
             *[self.doubt] * bool(self.doubt),
             *[f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt),
             *[f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints),

@@ -53,6 +53,15 @@ PART_NS = "part_ns"
 """Key in it, in a part: first and last log time of the part, without what is held from before."""
 
 
+UNLOGGED = "effects_not_logged_as_wrench"
+"""Key, in the facts of a run and of a bag that was made of its log, of effects whose force and torque no topic has."""
+
+
+def unlogged(metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the names of effects whose force and torque no topic has, as text; "" if there are none."""
+    return metadata.get(RUN, metadata.get(MERGED, {})).get(UNLOGGED, "")
+
+
 def in_simulation_time(metadata: Mapping[str, Mapping[str, str]]) -> bool:
     """Return whether the log time of each command is when it took effect in a run, whatever its stamp."""
     return RUN in metadata or metadata.get(MERGED, {}).items() >= SIMULATION_TIME.items()

@@ -27,10 +27,12 @@ from rb_dynamics.formats.log_metadata import (
     RUN,
     SCENE,
     SIMULATION_TIME,
+    UNLOGGED,
     in_simulation_time,
     loss,
     missing_pieces,
     next_file,
+    unlogged,
 )
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.message_definitions import schema_text
@@ -107,9 +109,7 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
                 found.notes.append(f"{source.path} {lost}.")
         if not found.messages:
             raise LogError(f"{target}: found no message to write, expected some; give other times, or another bag")
-        told = {"sources": ", ".join(source.path.name for source in sources)}
-        if all(in_simulation_time(source.metadata) for source in sources):
-            told |= SIMULATION_TIME
+        told = _told(sources)
         if span_ns[0] > -math.inf and begin_ns is not None:
             told[PART_NS] = f"{begin_ns} {end_ns}"
         since_ns = min((message.log_time for _, message in held), default=span_ns[0])
@@ -122,6 +122,16 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     alone = {topic: ends for topic, ends in spans.items() if types[topic].name not in _SHARED}
     found.notes += [*_doubled(alone, paths), *_apart(spans, paths)]
     return found
+
+
+def _told(sources: Sequence[Source]) -> dict[str, str]:
+    """Return what a bag says of those of which it is made."""
+    told = {"sources": ", ".join(source.path.name for source in sources)}
+    if all(in_simulation_time(source.metadata) for source in sources):
+        told |= SIMULATION_TIME
+    if effects := ", ".join(dict.fromkeys(filter(None, (unlogged(source.metadata) for source in sources)))):
+        told[UNLOGGED] = effects
+    return told
 
 
 def _by_log_time(sources: Sequence[Source]) -> Iterator[_Numbered]:

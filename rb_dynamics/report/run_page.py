@@ -17,7 +17,7 @@ from rb_dynamics.analysis.momentum_energy_balance import Balance
 from rb_dynamics.analysis.summary import HALF, RunSummary
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, motion_of
 from rb_dynamics.body.plausibility import Symmetry, symmetry
-from rb_dynamics.formats.log_metadata import RUN
+from rb_dynamics.formats.log_metadata import RUN, unlogged
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.report import inspection_text as text
 from rb_dynamics.report import plots
@@ -357,8 +357,8 @@ def _wrenches(track: Track, summary: RunSummary) -> list[Section]:
     )
     figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
     paragraph = "" if panels else "No command came with a force or a torque, and no effect held one."
-    if unlogged := track.bag.metadata.get(RUN, {}).get("effects_not_logged_as_wrench", ""):
-        paragraph = f"{paragraph} What these effects did is in no wrench: {unlogged}.".strip()
+    if effects := unlogged(track.bag.metadata):
+        paragraph = f"{paragraph} What these effects did is in no wrench: {effects}.".strip()
     return [Section("Wrenches", paragraph, figures=figures, table=Table.of(rows))]
 
 

@@ -6,7 +6,7 @@ import functools
 import hashlib
 from typing import TYPE_CHECKING
 
-from rb_dynamics.formats.log_metadata import version
+from rb_dynamics.formats.log_metadata import UNLOGGED, version
 
 if TYPE_CHECKING:
     from rb_dynamics.scene.model import Scene
@@ -55,7 +55,7 @@ def run_metadata(scene: Scene, method: str, solver: str) -> dict[str, str]:
         "solver": solver,
         "seed": str(scene.seed) if scene.sensors else "",
         "effects": ", ".join(effect.kind for effect in scene.effects),
-        "effects_not_logged_as_wrench": ", ".join(scene.combined_effects.varying),
+        UNLOGGED: ", ".join(scene.combined_effects.varying),
         "platform": platform.platform(),
         "machine": platform.machine(),
         "python": platform.python_version(),

@@ -12,6 +12,7 @@ from recorded_runs import Flight, flight
 import rb_dynamics as rb
 from rb_dynamics.cli import main
 from rb_dynamics.logs.wrench_bags import RecordedWrenches
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 __all__ = ["flight"]
 
@@ -114,3 +115,32 @@ def test_a_time_outside_is_one_line(flight: Flight, tmp_path: Path, capsys: pyte
     with pytest.raises(SystemExit) as stopped:
         main(["convert", str(flight.log), str(tmp_path / "x.yaml"), "--from", "1"])
     assert stopped.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("channel", "effects", "name"),
+    [
+        ("{topic: push}", "[{type: linear_drag, rotation: [0.1, 0.1, 0.1]}]", "linear_drag"),
+        ("{topic: push, lag: 0.4}", "[]", "push/lag"),
+    ],
+)
+def test_what_no_topic_of_a_log_says_is_not_known_in_a_bag_made_of_it(
+    tmp_path: Path, channel: str, effects: str, name: str
+) -> None:
+    """It was said that no inertia explains the motion."""
+    scene = rb.parse_scene(f"""
+body: {{mass: 2, inertia: {{diagonal: [0.2, 0.3, 0.4]}}}}
+initial: {{angular_velocity_body: [0.3, -0.4, 0.5]}}
+wrenches: [{channel}]
+effects: {effects}
+duration: 3
+output_rate: 50
+""")
+    log, part = tmp_path / "run.mcap", tmp_path / "part.mcap"
+    rb.simulate(scene, [("push", rb.Wrench(torque=(0.1, 0.0, 0.0), stamp_ns=SECOND // 2))], [McapSink(log)])
+    assert main(["convert", str(log), str(part), "--from", "1"]) == 0
+    found = rb.inspect(part)
+    assert found.passed, [check for check in found.summary.checks if not check.passed]
+    (check,) = (each for each in found.summary.checks if each.name == "inertia explains the motion")
+    assert not check.judged
+    assert f"the force and torque of {name} are in no topic" in check.detail
