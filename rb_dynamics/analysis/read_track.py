@@ -820,9 +820,10 @@ class _TrackReader:
             if each.type_name == JOINTS and each.count and each.name != self.wheels
             if not self._of_another_body(each.name)
         ]
-        effects = unlogged(self.bag.metadata) if self.scene is None else ""
+        modelled = () if self.scene is None else self.scene.combined_effects.varying
+        effects = [each for each in filter(None, unlogged(self.bag.metadata).split(", ")) if each not in modelled]
         others = [
-            *[f"the force and torque of {effects} are in no topic"] * bool(effects),
+            *[f"the force and torque of {', '.join(effects)} are in no topic"] * bool(effects),
             *[self.doubt] * bool(self.doubt),
             *[f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt),
             *[f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints),
