@@ -29,10 +29,14 @@ def over_time(time_s: Numbers, title: str, values: Numbers, failed: NDArray[np.b
     shown = time_s * second
 
     def plot(axes: Any) -> None:
+        if not np.isfinite(values).any():
+            _say_no_numbers(axes)
+            return
         log = _is_wide(values)
         low, middle, high = np.full((3, len(values)), np.nan)
         some = ~np.isnan(values).all(axis=1)
-        low[some], middle[some], high[some] = np.nanquantile(values[some], (0.05, 0.5, 0.95), axis=1)
+        with np.errstate(invalid="ignore"):
+            low[some], middle[some], high[some] = np.nanquantile(values[some], (0.05, 0.5, 0.95), axis=1)
         axes.fill_between(shown, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="middle 90 %")
         for number, column in enumerate(values[:, failed].T[:8]):
             axes.plot(shown, column, color=BAD, linewidth=0.9, label=f"failed {number + 1}")
@@ -53,7 +57,7 @@ def histograms(columns: Sequence[tuple[str, Numbers, NDArray[np.bool_], float | 
         def plot(axes: Any) -> None:
             shown = np.isfinite(values)
             if not shown.any():
-                axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
+                _say_no_numbers(axes)
                 return
             edges = _edges(values[shown])
             parts, labels = [values[shown & passed], values[shown & ~passed]], ["passed", "failed"]
@@ -80,7 +84,7 @@ def sensitivities(metrics: Sequence[tuple[str, Sequence[tuple[str, float]], floa
         def plot(axes: Any) -> None:
             shown = list(pairs)[:6][::-1]
             if not shown:
-                axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
+                _say_no_numbers(axes)
                 return
             places = np.arange(len(shown))
             sizes = [value for _, value in shown]
@@ -139,6 +143,10 @@ def _draw(panels: Sequence[tuple[str, Callable[[Any], None]]], name: str, column
 
     titles = [title for title, _ in panels]
     return picture(fill, (_WIDTH, height), name, titles, layout="constrained", columns=columns)
+
+
+def _say_no_numbers(axes: Any) -> None:
+    axes.text(0.5, 0.5, "no numbers", transform=axes.transAxes, color=TEXT, ha="center")
 
 
 def _is_wide(values: Numbers) -> bool:

@@ -158,7 +158,9 @@ def _collection(collection: Collection) -> Curve:
 
     color = to_hex(np.asarray(collection.get_facecolor()).reshape(-1, 4)[0].tolist())
     dots = isinstance(collection, PathCollection)
-    rows = collection.get_offsets() if dots else np.concatenate([path.vertices for path in collection.get_paths()])
+    # An area none of which is finite has no outline.
+    outlines = [np.empty((0, 2)), *(path.vertices for path in collection.get_paths())]
+    rows = collection.get_offsets() if dots else np.concatenate(outlines)
     return Curve(_label(collection), [*np.asarray(rows, float).T], color, "dots" if dots else "fill")
 
 

@@ -102,6 +102,20 @@ def test_figures_of_a_campaign_can_be_read() -> None:
     ]
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("runs", [5, 4, 1])
+def test_a_quantity_that_is_no_number_in_some_or_all_runs_is_drawn_as_far_as_it_is_one(value: float, runs: int) -> None:
+    values = np.tile(TIME, (5, 1)).T.copy()
+    values[:, :runs] = value
+    over = campaign_figures.over_time(TIME, "distance [m]", values, np.eye(5)[4] > 0)
+    json.loads(interactive_plots.encode([over]))
+    (plot,) = over.plots()
+    assert bool(plot.curves) == (runs < 5)
+    for curve in plot.curves:
+        if curve.label == "failed 1":
+            assert curve.points[1].tolist() == TIME.tolist()
+
+
 def test_positions_far_from_zero_count_from_where_their_motion_is_seen() -> None:
     far = WAVE + np.array([369_644.7, 3_280_417.0, 0.0])
     (path,) = path_in_space([("A", TIME, far, STILL)]).plots()  # type: ignore[union-attr]
