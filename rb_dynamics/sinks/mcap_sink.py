@@ -27,7 +27,17 @@ from typing import TYPE_CHECKING, cast
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.channel_metadata import log_channel, qos_profile
-from rb_dynamics.formats.log_metadata import CHECKPOINT, EPOCH, INTERRUPTED, RESULT, RUN, SCENE, TOPICS, version
+from rb_dynamics.formats.log_metadata import (
+    CHECKPOINT,
+    CUT_OFF,
+    EPOCH,
+    INTERRUPTED,
+    RESULT,
+    RUN,
+    SCENE,
+    TOPICS,
+    version,
+)
 from rb_dynamics.formats.mcap_integrity import require_library, verify
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.mcap_writer import HEAD, InPieces, McapWriter, copies, framed, in_rows
@@ -229,7 +239,7 @@ class McapSink:
             except LogError as error:
                 if self._file is not None and self._file.failure is not None:
                     self._failure = error
-                    self._writer.rescue(INTERRUPTED, {"reason": str(error)})
+                    self._writer.rescue(INTERRUPTED, {"reason": f"{CUT_OFF}: {error}"})
                     with contextlib.suppress(LogError):
                         self._file.close()
                 raise
