@@ -19,7 +19,6 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.channel_metadata import QOS, is_latched
 from rb_dynamics.formats.log_metadata import (
-    CUT_OFF,
     DAMAGED,
     INTERRUPTED,
     MERGED,
@@ -198,8 +197,8 @@ def _missing(
             ends[number] = max(last, ends.get(number, last))
     for number, source in enumerate(sources):
         yield from missing_pieces(source.metadata)
-        reason = source.metadata.get(INTERRUPTED, {}).get("reason", "")
-        if number in ends and (not source.complete or CUT_OFF in reason or next_file(source.metadata)):
+        reason = source.metadata.get(INTERRUPTED, {}).get("reason", DAMAGED)
+        if number in ends and (not source.complete or reason != DAMAGED or next_file(source.metadata)):
             yield ends[number], max(ends.values())
 
 
