@@ -104,7 +104,8 @@ def _play(log: str | Path, rate: float, publishers: dict[str, Publisher], ticks:
             if rate > 0.0:
                 time.sleep(pacer.seconds_until(last_ns))
             if ticks is not None:
-                ticks.publish(Clock(clock=to_stamp(last_ns)))
+                # To its readers a time of 0 means "not started": a node that follows it lost the first period.
+                ticks.publish(Clock(clock=to_stamp(max(1, last_ns))))
         if message.channel.topic in publishers:
             publishers[message.channel.topic].publish(message.data)
             count += 1

@@ -78,6 +78,8 @@ def test_a_log_is_published_with_its_stamps(tmp_path: Path, peer: Peer) -> None:
     assert peer.heard["/inertia"][0].inertia.m == 2.0
     ticks = [each.clock.sec * 10**9 + each.clock.nanosec for each in peer.heard["/clock"]]
     assert ticks == sorted(set(ticks))
+    # No clock is ever zero: to its readers that means that it has not started.
+    assert ticks[0] == 1
 
 
 @pytest.mark.parametrize("epoch_ns", [0, 10**18])
