@@ -40,6 +40,8 @@ _OVERRIDABLE = (
 )
 # s between two checks for readers.
 _LOOK = 0.005
+# s for the last messages of all topics together, when a run ends.
+_LAST_MESSAGES = 0.2
 
 
 @dataclass(frozen=True)
@@ -193,9 +195,10 @@ class TopicSink:
         return bool(self._diagnostics.get_subscription_count())
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Wait, briefly, until readers have received the last messages."""
+        """Wait, briefly, until readers have received the last messages: logs are closed after that."""
+        give_up = time.monotonic() + _LAST_MESSAGES
         for publisher in (*(topic.publisher for topic in self._samples.values()), *self._sensors.values()):
-            publisher.wait_for_all_acked(Duration(seconds=0.2))
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, give_up - time.monotonic())))
 
     def _add_samples(self, scene: Scene) -> None:
         """Create the publishers for samples of `scene` that do not exist yet."""
