@@ -52,9 +52,11 @@ def part_of(track: Track, window_s: Window) -> Bag:
 
 
 def _delays(track: Track) -> dict[str, int]:
-    """Return the delay (ns) of the commands on each topic of a log of this package."""
+    """Return the delay (ns) of the commands on each topic, by the scene."""
+    if not track.own:
+        return {wrench.topic: wrench.channel.delay_ns for wrench in track.wrenches if wrench.channel is not None}
     names = track.bag.metadata.get(TOPICS, {})
-    channels = () if track.scene is None or not track.own else track.scene.channels
+    channels = () if track.scene is None else track.scene.channels
     return {names.get(channel.topic, ""): channel.delay_ns for channel in channels}
 
 

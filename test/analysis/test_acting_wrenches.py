@@ -248,6 +248,15 @@ def test_a_topic_is_chosen_for_a_channel_only(tmp_path: Path) -> None:
         )
 
 
+def test_a_part_of_a_bag_begins_with_the_commands_that_wait_for_their_delay(tmp_path: Path) -> None:
+    # At 4.1 s the first command still acts, and the second waits until 4.5 s.
+    rest = "wrenches: [{topic: wrench, delay: 0.5}]"
+    bag = flown(tmp_path, rest, COMMANDS)
+    found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=rest)), window_s=(4.1, 7.0))
+    assert found.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
+    assert verdict(found) == (True, True)
+
+
 def test_a_part_of_a_bag_counts_the_time_of_schedules_from_its_begin(tmp_path: Path) -> None:
     bag = flown(tmp_path, ACTING["schedule"], COMMANDS)
     found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING["schedule"])), window_s=(1.5, 7.0))
