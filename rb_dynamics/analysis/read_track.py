@@ -222,14 +222,15 @@ class _TrackReader:
             wheels = wheels._replace(time_ns=line.stamps(wheels.time_ns))
         frames = self._frames(world, "" if twist_in_world else of_twist)
         wrenches, acted = self._wrenches(frames, own)
-        effects = unlogged(self.bag.metadata)
+        moving = pose or twist
+        effects = unlogged(self.bag.metadata, moving.topic if moving else "")
         if own and effects:
             acted = False
             self.notes.append(
                 f"Effects acted whose force and torque are not in the log ({effects}): momentum is not checked; "
                 "energy is, with the work that the run recorded."
             )
-        unrecorded = [] if own else self._unrecorded(wrenches)
+        unrecorded = [] if own else self._unrecorded(wrenches, effects)
         if unrecorded:
             acted = False
             self.notes += (f"What moved the body is not all known: {each}." for each in unrecorded)
@@ -793,11 +794,12 @@ class _TrackReader:
         besides = f"the scene adds {others}" if others else "nothing else is assumed to act"
         return f"{', as the scene says: ' if told else ''}{', '.join(told)}; {besides}"
 
-    def _unrecorded(self, wrenches: Sequence[RecordedWrench]) -> list[str]:
+    def _unrecorded(self, wrenches: Sequence[RecordedWrench], unlogged: str) -> list[str]:
         """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag.
 
         What a fit may model, that which the scene has, is apart.
-        How commands of `wrenches` act is not in a bag either, if it depends on their channel.
+        How commands of `wrenches` act is not in a bag either, if it depends on their channel. Nor are effects that were
+        `unlogged` in the log of which it was made.
         """
         found, doubt = list[str](), ""
         if self.scene is not None:
@@ -821,7 +823,7 @@ class _TrackReader:
             if not self._of_another_body(each.name)
         ]
         modelled = () if self.scene is None else self.scene.combined_effects.varying
-        effects = [each for each in filter(None, unlogged(self.bag.metadata).split(", ")) if each not in modelled]
+        effects = [each for each in filter(None, unlogged.split(", ")) if each not in modelled]
         others = [
             *[f"the force and torque of {', '.join(effects)} are in no topic"] * bool(effects),
             *[self.doubt] * bool(self.doubt),

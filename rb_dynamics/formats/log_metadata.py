@@ -54,12 +54,22 @@ PART_NS = "part_ns"
 
 
 UNLOGGED = "effects_not_logged_as_wrench"
-"""Key, in the facts of a run and of a bag that was made of its log, of effects whose force and torque no topic has."""
+"""Key, in the facts of a run, of effects whose force and torque no topic has."""
 
 
-def unlogged(metadata: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the names of effects whose force and torque no topic has, as text; "" if there are none."""
-    return metadata.get(RUN, metadata.get(MERGED, {})).get(UNLOGGED, "")
+def unlogged_key(topic: str) -> str:
+    """Return the key of the same in a bag that was made of logs, of the one with this topic: by its namespace."""
+    return f"{UNLOGGED} {topic.rpartition('/')[0] or '/'}"
+
+
+def unlogged(metadata: Mapping[str, Mapping[str, str]], topic: str) -> str:
+    """Return the names of effects whose force and torque no topic has, as text; "" if there are none.
+
+    `topic` is one of the motion of the body, of several in a bag that was made of their logs.
+    """
+    if RUN in metadata:
+        return metadata[RUN].get(UNLOGGED, "")
+    return metadata.get(MERGED, {}).get(unlogged_key(topic), "")
 
 
 def in_simulation_time(metadata: Mapping[str, Mapping[str, str]]) -> bool:

@@ -26,12 +26,14 @@ from rb_dynamics.formats.log_metadata import (
     RUN,
     SCENE,
     SIMULATION_TIME,
+    TOPICS,
     UNLOGGED,
     in_simulation_time,
     loss,
     missing_pieces,
     next_file,
     unlogged,
+    unlogged_key,
 )
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.message_definitions import schema_text
@@ -128,8 +130,11 @@ def _told(sources: Sequence[Source]) -> dict[str, str]:
     told = {"sources": ", ".join(source.path.name for source in sources)}
     if all(in_simulation_time(source.metadata) for source in sources):
         told |= SIMULATION_TIME
-    if effects := ", ".join(dict.fromkeys(filter(None, (unlogged(source.metadata) for source in sources)))):
-        told[UNLOGGED] = effects
+    for source in sources:
+        topic = source.metadata.get(TOPICS, {}).get("pose", "/pose")
+        if RUN in source.metadata and (effects := unlogged(source.metadata, topic)):
+            told[unlogged_key(topic)] = effects
+        told |= {key: text for key, text in source.metadata.get(MERGED, {}).items() if key.startswith(UNLOGGED)}
     return told
 
 

@@ -357,7 +357,7 @@ def _wrenches(track: Track, summary: RunSummary) -> list[Section]:
     )
     figures = [Figure(plots.wrench_history(panels, track.seconds(np.array(track.span_ns))), caption)] if panels else []
     paragraph = "" if panels else "No command came with a force or a torque, and no effect held one."
-    if effects := unlogged(track.bag.metadata):
+    if effects := unlogged(track.bag.metadata, next((each.topic for each in track.motion), "")):
         paragraph = f"{paragraph} What these effects did is in no wrench: {effects}.".strip()
     return [Section("Wrenches", paragraph, figures=figures, table=Table.of(rows))]
 
