@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,9 +55,11 @@ class CommandDifference:
 
 
 def command_differences(
-    a: Track, b: Track, alignment: Alignment, span_ns: tuple[int, int]
+    a: Track, b: Track, alignment: Alignment, span_ns: tuple[int, int], gaps: Sequence[tuple[int, int]] = ()
 ) -> tuple[list[CommandDifference] | None, list[str]]:
     """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two has no commands.
+
+    What differs only within `gaps` of the motion (first and last ns, ascending) is a remark: commands may be missing.
 
     Channels of one name belong together, and so do a topic and the channel that it drove according to a log; if one is
     left on each side, these two. A difference that the uncertainty of the lag may cause does not count.
@@ -87,23 +90,8 @@ def command_differences(
             return None, told
         if np.isfinite(alignment.uncertainty_s):
             tolerance_ns = round(2e9 * alignment.uncertainty_s)
-    sampled = _sampled(a) | _sampled(b)
-    found, uncompared = [], []
-    for name, x, y in pairs:
-        times = None
-        # A channel on which nothing ever acted is known at all times.
-        if x and y and len(x.time_ns) and len(y.time_ns) and sampled & {x.topic, y.topic}:
-            times = _common_times(x, y, alignment.offset_ns, span_ns)
-            if tolerance_ns or not len(times):
-                uncompared.append(name)
-                continue
-        compared = _compared(name, x, y, alignment.offset_ns, span_ns, tolerance_ns, times)
-        found += [compared] if compared is not None else []
-    if uncompared:
-        told.append(
-            f"Commands on {', '.join(uncompared)} are not compared: what acted followed them with a lag, and the two "
-            "recordings do not say what acted at the same times."
-        )
+    found, hidden = _of_wrenches(pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps)
+    told += hidden
     if a.own and b.own:
         found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
     unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
@@ -112,7 +100,42 @@ def command_differences(
             f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
             "no usable numbers; --scene SCENE says what frames are."
         )
-    return found if found or not (unknown or uncompared or devices) else None, told
+    return found if found or not (unknown or devices or hidden) else None, told
+
+
+def _of_wrenches(
+    pairs: Sequence[tuple[str, RecordedWrench | None, RecordedWrench | None]],
+    sampled: set[str],
+    offset_ns: int,
+    span_ns: tuple[int, int],
+    tolerance_ns: int,
+    gaps: Sequence[tuple[int, int]],
+) -> tuple[list[CommandDifference], list[str]]:
+    """Return the channels that hold different wrenches within `span_ns`, and what cannot be compared."""
+    found, uncompared, hidden, told = [], [], [], []
+    for name, x, y in pairs:
+        times = None
+        # A channel on which nothing ever acted is known at all times.
+        if x and y and len(x.time_ns) and len(y.time_ns) and sampled & {x.topic, y.topic}:
+            times = _common_times(x, y, offset_ns, span_ns)
+            if tolerance_ns or not len(times):
+                uncompared.append(name)
+                continue
+        compared = partial(_compared, name, x, y, offset_ns, span_ns, tolerance_ns, times)
+        if (differs := compared(gaps=gaps)) is not None:
+            found.append(differs)
+        elif gaps and compared() is not None:
+            hidden.append(name)
+    if uncompared:
+        told.append(
+            f"Commands on {', '.join(uncompared)} are not compared: what acted followed them with a lag, and the two "
+            "recordings do not say what acted at the same times."
+        )
+    if hidden:
+        told.append(
+            f"Commands on {', '.join(hidden)} differ only within gaps of the motion, where they may be missing, too."
+        )
+    return found, told
 
 
 def _not_compared(devices: Sequence[str]) -> list[str]:
@@ -231,11 +254,13 @@ def _compared(
     span_ns: tuple[int, int],
     tolerance_ns: int,
     only: Times | None = None,
+    gaps: Sequence[tuple[int, int]] = (),
 ) -> CommandDifference | None:
-    """Return how two channels differ within `span_ns`, at all times or `only` at some; None if they do not."""
+    """Return how two channels differ within `span_ns`, outside `gaps`, at all times or `only` at some; None if not."""
     begin, end = span_ns
     # A command at the very end has no time to act.
-    times = [np.array([begin], dtype=np.int64)]
+    after = [last for _, last in gaps if begin <= last < end]
+    times = [np.array([begin, *after], dtype=np.int64)]
     counts: dict[str, int | None] = {}
     for side, steps, later in (("a", a, 0), ("b", b, offset_ns)):
         counts[side] = None
@@ -252,6 +277,10 @@ def _compared(
     )
     # A difference no longer than the possible shift between the two means nothing.
     known = known_a & known_b & (np.diff(at, append=end) > tolerance_ns)
+    if gaps:
+        firsts, lasts = np.array(gaps, dtype=np.int64).T
+        place = firsts.searchsorted(at, "right") - 1
+        known &= (place < 0) | (at >= lasts[place])
     turned = (world_a != world_b) & (force_a.any(axis=1) | torque_a.any(axis=1))
     turned &= force_b.any(axis=1) | torque_b.any(axis=1)
     forces, torques = (np.linalg.norm(x - y, axis=1) for x, y in ((force_a, force_b), (torque_a, torque_b)))

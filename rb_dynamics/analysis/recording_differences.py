@@ -446,7 +446,8 @@ def compare_tracks(
     times = [each.time_ns for name, each in found.items() if name in MOTION]
     span = int(min(time[0] for time in times)), int(max(time[-1] for time in times))
     compared_s, left_out = _left_out(found, cut_one, cut_other, one, other, span, zero_ns)
-    commands, unequal = command_differences(a.track, b.track, alignment, span)
+    gaps = _joined([hole for motion in (cut_one, cut_other) for hole in _holes(motion)])
+    commands, unequal = command_differences(a.track, b.track, alignment, span, gaps)
     sides = [
         Side(each.path, each.track.own, each.flown, _span_s(motion, zero_ns), each.track.body)
         for each, motion in ((a, one), (b, other))
@@ -566,8 +567,7 @@ def _left_out(
             told.append(f"{name}: {why}")
     holes: list[tuple[int, int]] = []
     for side, motion in (("A", one), ("B", other)):
-        mine = sorted({hole for signal in vars(motion).values() if signal is not None for hole in signal.holes()})
-        mine = [(max(begin, span[0]), min(end, span[1])) for begin, end in mine]
+        mine = [(max(begin, span[0]), min(end, span[1])) for begin, end in sorted(_holes(motion))]
         mine = [(begin, end) for begin, end in mine if begin < end]
         if mine:
             joined = _joined(mine)
@@ -586,6 +586,10 @@ def _left_out(
                 told.append(f"{length * 1e-9:.6g} s of {side} {where} what both have")
     lost = sum(end - begin for begin, end in _joined(holes))
     return (span[1] - span[0] - lost) / 1e9, told
+
+
+def _holes(motion: MotionSignals) -> set[tuple[int, int]]:
+    return {hole for signal in vars(motion).values() if signal is not None for hole in signal.holes()}
 
 
 def _joined(pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:

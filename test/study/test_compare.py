@@ -228,6 +228,30 @@ def test_nothing_is_compared_within_a_gap(log: Path, folder: Path) -> None:
     assert not np.any((times > 1.0) & (times < 1.5))
 
 
+def test_commands_within_a_gap_do_not_differ(log: Path, folder: Path) -> None:
+    brief = [
+        COMMANDS[0],
+        ("thrust", rb.Wrench((0.0, 0.0, 0.0), (-0.1, 0.1, 0.0), "body", 1_500_000_000)),
+        *COMMANDS[1:],
+    ]
+    whole = fly(folder / "brief.mcap", brief)
+    parts = [folder / "before.mcap", folder / "after.mcap"]
+    merge([whole], parts[0], (-math.inf, 1.2e9))
+    merge([whole], parts[1], (2.0e9, math.inf))
+    both = folder / "parts.mcap"
+    merge(parts, both, (-math.inf, math.inf))
+    found = rb.compare(whole, both)
+    assert found.commands is None
+    assert any("Commands on thrust differ only within gaps of the motion" in note for note in found.notes)
+    # What is held when the gap ends does count, and so does all without one.
+    (told,) = rb.compare(log, fly(folder / "other.mcap", [COMMANDS[0]])).as_dict()["commands"]
+    assert told["first_difference_s"] == 1.7
+    merge([folder / "other.mcap"], parts[1], (2.0e9, math.inf))
+    merge(parts, both, (-math.inf, math.inf))
+    (told,) = rb.compare(log, both).as_dict()["commands"]
+    assert told["first_difference_s"] == 2.0
+
+
 def test_unequal_lengths_are_said(log: Path, folder: Path) -> None:
     longer = fly(folder / "longer.mcap", duration=5.0)
     found = rb.compare(log, longer)
