@@ -76,7 +76,7 @@ def acting_wrenches(
     Commands are unknown after each `missing` piece (first and last ns) of the recording, until the next.
     """
     known = (steps.without(missing) for steps in wrenches)
-    found = [each if each.channel is None else _in_channel(each, each.channel) for each in known]
+    found = [each if each.channel is None else in_channel(each, each.channel) for each in known]
     recorded = {each.topic.removesuffix(APPLIED) for each in wrenches if each.topic.endswith(APPLIED)}
     return (
         *found,
@@ -88,7 +88,8 @@ def acting_wrenches(
     )
 
 
-def _in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
+def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
+    """Return what acts of recorded commands, with delay and timeout of their channel."""
     times, rows = timed_out(steps.time_ns + channel.delay_ns, channel.timeout_ns)
     # What is not known may be a command that came later than the one before: it does not expire.
     kept = (rows >= 0) | np.append(True, steps.known[rows[:-1]])[: len(rows)]

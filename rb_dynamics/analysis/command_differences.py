@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from rb_dynamics.analysis.acting_wrenches import in_channel
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
 from rb_dynamics.formats.log_metadata import TOPICS
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
+from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
@@ -67,7 +69,7 @@ def command_differences(
     unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
     if unknown:
         return None, [f"Commands are not compared: {' and '.join(unknown)} without them."]
-    one, other = _channels(a, b), _channels(b, a)
+    one, other = _sides(a, b)
     devices = [] if a.own == b.own else [each.name for each in _actuators(a if a.own else b)]
     one, other = ({name: side[name] for name in side if name not in devices} for side in (one, other))
     pairs = [(name, one.get(name), other.get(name)) for name in dict.fromkeys((*one, *other))]
@@ -144,6 +146,17 @@ def _not_compared(devices: Sequence[str]) -> list[str]:
     return [f"Commands to {', '.join(devices)} are not compared: in the bag of another program they have no stamps."]
 
 
+def _sides(a: Track, b: Track) -> tuple[dict[str, RecordedWrench], dict[str, RecordedWrench]]:
+    """Return the wrenches of both by channel.
+
+    A bag of another program does not say which effects and biases act: they are left out of a log beside it.
+    """
+    one, other = _channels(a, b), _channels(b, a)
+    if a.own != b.own:
+        one, other = _without_effects(one, other), _without_effects(other, one)
+    return one, other
+
+
 def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     """Return the wrenches by channel; topics of a bag by the channel that they drove in the run `flown` from it."""
     driven = {} if track.own else driven_of(flown.bag.metadata)
@@ -156,7 +169,19 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     # One of the two may have been recorded in a namespace.
     theirs = {*map(_name, flown.wrenches)} - {*channels.values()}
     channels = names_in_scene([name for name in recorded if name not in channels], theirs) | channels
-    return {channels.get(name, name): steps for name, steps in zip(recorded, track.recorded, strict=True)}
+    scene = None if track.own else flown.scene
+    acts = {each.topic.removeprefix("/"): each for each in (() if scene is None else scene.channels)}
+    called = [channels.get(name, name) for name in recorded]
+    return {name: _acting(steps, acts.get(name)) for name, steps in zip(called, track.recorded, strict=True)}
+
+
+def _acting(steps: RecordedWrench, channel: Channel | None) -> RecordedWrench:
+    """Return what acts of recorded commands in `channel` of the log beside them, as the log has what acted."""
+    return steps if channel is None or steps.topic.endswith(APPLIED) else in_channel(steps, channel)
+
+
+def _without_effects(side: dict[str, RecordedWrench], other: dict[str, RecordedWrench]) -> dict[str, RecordedWrench]:
+    return {name: steps for name, steps in side.items() if name in other or not name.startswith("effects/")}
 
 
 def _name(steps: RecordedWrench) -> str:

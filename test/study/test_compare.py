@@ -659,6 +659,26 @@ def test_a_scene_flown_against_a_bag(log: Path, scene: Path, folder: Path) -> No
         assert found.commands == []
 
 
+def test_commands_of_a_bag_are_compared_as_the_scene_lets_them_act(tmp_path: Path) -> None:
+    """A drop at a timeout is no other command, and a bag does not say which effects act."""
+    scene = rb.parse_scene(
+        SCENE.replace("{topic: thrust}", "{topic: thrust, delay: 0.03, timeout: 0.4, bias: {force: [0, 0, 0.1]}}")
+        + "effects: [{type: uniform_gravity, acceleration_world: [0, 0, -9.8]}]\n"
+    )
+    flown = tmp_path / "flown.mcap"
+    rb.simulate(scene, COMMANDS, [McapSink(flown)])
+    bag = foreign(tmp_path / "bag.mcap", flown, later_ns=LATER, commands=bag_commands())
+    for pair in ((scene, bag), (bag, scene), (flown, bag)):
+        found = rb.compare(*pair)
+        assert found.commands == []
+    push = bag_commands()
+    push[1] = (push[1][0], push[1][1], (0.0, 0.7, 0.0, -0.4, 0.1, 0.0))
+    other = foreign(tmp_path / "other.mcap", flown, later_ns=LATER, commands=push)
+    (told,) = rb.compare(flown, other, align="start").commands or ()
+    assert told.topic == "thrust"
+    assert (told.first_ns, told.force, told.torque) == (1_730_000_000, pytest.approx(0.2), 0.0)
+
+
 def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Path, folder: Path) -> None:
     one, other = (
         foreign(
