@@ -280,7 +280,7 @@ def residual(track: Track, bound: float) -> Residual | None:
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
-    mass = fitted_mass(track, turned, moving) if explained or other is not None else None
+    mass = fitted_mass(track, turned, moving, not explained) if explained or other is not None else None
     mass = _unless_mistimed(
         mass or FittedMass(None, np.inf, True), track, body.mass, _rms(centred(moved.speed, stretch))
     )

@@ -383,3 +383,31 @@ def test_forces_at_rounded_times_accuse_no_mass(bagger: Any) -> None:
     heavier = residual(read_track(bag, scene_of(4.08, TRUE, (0.1, -0.2, 0.05))), 1e-6)
     assert heavier is not None
     assert not heavier.mass_explained
+
+
+def test_the_error_of_a_mass_contains_that_of_the_inertia_found_beside_it(bagger: Any) -> None:
+    """A thrust that turns with the body tells its mass only as well as the attitude under it is known."""
+    scene = parse_scene(f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 12\n")
+    random = np.random.default_rng(4)
+    sent = [
+        ("wrench", Wrench((0.0, 0.0, 40.0), tuple((0.3 * random.standard_normal(3)).tolist()), "base", at))
+        for at in range(5_000_000, 12_000_000_000, 500_000_000)
+    ]
+    simulate(scene, sent, [memory := MemorySink()])
+    rows: list[Any] = []
+    for sample in memory.samples:
+        place = np.array(sample.position_world) + 1e-3 * random.standard_normal(3)
+        attitude = np.array(sample.orientation_xyzw) + 1e-3 * random.standard_normal(4)
+        attitude /= np.linalg.norm(attitude)
+        values = (sample.time_ns, "world", (*place.tolist(), *attitude.tolist()))
+        rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", sample.time_ns, values))
+    for _, wrench in sent:
+        at = wrench.stamp_ns
+        rows.append(("/b/wrench", "geometry_msgs/msg/WrenchStamped", at, (at, "base", (*wrench.force, *wrench.torque))))
+    bag = read_bag(bagger(rows))
+    left = residual(read_track(bag, scene_of(4.0, OTHER, (0.1, -0.2, 0.05))), 1e-6)
+    assert left is not None
+    assert left.mass is not None
+    assert left.mass_explained
+    assert left.mass == pytest.approx(4.0, abs=3.0 * left.mass_error)
+    assert left.mass_error < 4e-3

@@ -216,13 +216,14 @@ def score_inertia(
         return _Judge(body, *part).score(near_ns is not None)
 
 
-def fitted_mass(track: Track, body: RigidBody, moving: TimeSeries) -> FittedMass | None:
+def fitted_mass(track: Track, body: RigidBody, moving: TimeSeries, found: bool = False) -> FittedMass | None:
     """Return the mass that the forces and the translation of `track` tell; None without forces.
 
     Args:
         track: with a pose.
         body: the body, with an inertia that explains how it turned.
         moving: as in `score_inertia`.
+        found: whether its inertia was found, not given: it is then fitted beside the mass, so that its error counts.
     """
     forces = [each for each in track.acting if not each.weight and len(each.time_ns)]
     sizes = [np.linalg.norm(each.force, axis=1) for each in forces]
@@ -234,15 +235,16 @@ def fitted_mass(track: Track, body: RigidBody, moving: TimeSeries) -> FittedMass
         return None
     weights = [each.force[0] / body.mass for each in track.acting if each.weight]
     gravity, (flight, begin_ns) = tuple(UniformGravity(tuple(each.tolist())) for each in weights), part
+    beside = ("inertia",) if found else ()
     with counted_by(Tally()):
-        found = _Judge(body, flight, begin_ns, gravity).mass()
-        if found is not None and found.value is not None:
-            return found
+        fitted = _Judge(body, flight, begin_ns, gravity).mass(beside)
+        if fitted is not None and fitted.value is not None:
+            return fitted
         for unit, size in POSITIONS.items():
-            other = _Judge(body, _in_metres(flight, size), begin_ns, gravity).mass()
+            other = _Judge(body, _in_metres(flight, size), begin_ns, gravity).mass(beside)
             if other is not None and other.value is not None and not is_far(other.value, body.mass):
                 return replace(other, explained=False, unit=unit)
-    return found
+    return fitted
 
 
 def _in_metres(flight: Flight, size: float) -> Flight:
@@ -392,10 +394,10 @@ class _Judge:
         found = InertiaScore(self.begin_ns + first, self.begin_ns + last, False, noise, False, hidden, self.noiseless)
         return self._beside(followed(self.model, np.zeros(self.model.layout.count), self.noise), found, doubtful)
 
-    def mass(self) -> FittedMass | None:
-        """Return the mass that fits best; None if no motion follows the recording."""
+    def mass(self, beside: Sequence[str]) -> FittedMass | None:
+        """Return the mass that fits best beside a delay and `beside`; None if no motion follows the recording."""
         # A delay may look like another mass.
-        found = self._fitted(self.scene, ("mass", "delay"))
+        found = self._fitted(self.scene, ("mass", "delay", *beside))
         if found is None:
             return None
         model, at, tried = found
