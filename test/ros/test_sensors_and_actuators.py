@@ -87,6 +87,8 @@ def fly(scene: Path, log: Path) -> None:
         imu = peer.listen(Imu, "imu")
         wheels = [peer.node.create_publisher(Float64, f"wheel_{axis}/command", KEEP_ALL) for axis in "xyz"]
         peer.until(lambda: all(wheel.get_subscription_count() > 0 for wheel in wheels), "readers")
+        # On a busy machine the node finds a reader later than publishers beside it: what it sends before is lost.
+        peer.spin(1.0)
         peer.wrench("time", stamp_ns=5_000_000)
         for k in range(50):
             peer.until(lambda k=k: len(imu) > k, "the next message")
