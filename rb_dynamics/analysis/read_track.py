@@ -794,12 +794,12 @@ class _TrackReader:
         besides = f"the scene adds {others}" if others else "nothing else is assumed to act"
         return f"{', as the scene says: ' if told else ''}{', '.join(told)}; {besides}"
 
-    def _unrecorded(self, wrenches: Sequence[RecordedWrench], unlogged: str) -> list[str]:
+    def _unrecorded(self, wrenches: Sequence[RecordedWrench], effects: str) -> list[str]:
         """Return what acts on the body or has momentum inside it, by the scene or the topics, but is not in a bag.
 
         What a fit may model, that which the scene has, is apart.
-        How commands of `wrenches` act is not in a bag either, if it depends on their channel. Nor are effects that were
-        `unlogged` in the log of which it was made.
+        How commands of `wrenches` act is not in a bag either, if it depends on their channel. Nor is what `effects` did
+        that the log of which it was made has in no topic.
         """
         found, doubt = list[str](), ""
         if self.scene is not None:
@@ -823,9 +823,9 @@ class _TrackReader:
             if not self._of_another_body(each.name)
         ]
         modelled = () if self.scene is None else self.scene.combined_effects.varying
-        effects = [each for each in filter(None, unlogged.split(", ")) if each not in modelled]
+        untold = [each for each in filter(None, effects.split(", ")) if each not in modelled]
         others = [
-            *[f"the force and torque of {', '.join(effects)} are in no topic"] * bool(effects),
+            *[f"the force and torque of {', '.join(untold)} are in no topic"] * bool(untold),
             *[self.doubt] * bool(self.doubt),
             *[f"{doubt} (choose it with --wrench-topic TOPIC=CHANNEL)"] * bool(doubt),
             *[f"what turns by {', '.join(joints)} has angular momentum, too"] * bool(joints),

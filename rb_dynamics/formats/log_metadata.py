@@ -50,22 +50,21 @@ SIMULATION_TIME = {"log_time": "simulation"}
 
 
 PART_NS = "part_ns"
-"""Key in it, in a part: first and last log time of the part, without what is held from before."""
-
+"""Key in the metadata of a part of a bag: its first and last log time, without what is held from before."""
 
 UNLOGGED = "effects_not_logged_as_wrench"
 """Key, in the facts of a run, of effects whose force and torque no topic has."""
 
 
 def unlogged_key(topic: str) -> str:
-    """Return the key of the same in a bag that was made of logs, of the one with this topic: by its namespace."""
+    """Return the key that replaces it in a bag made of logs, one for each body: by the namespace of its topics."""
     return f"{UNLOGGED} {topic.rpartition('/')[0] or '/'}"
 
 
 def unlogged(metadata: Mapping[str, Mapping[str, str]], topic: str) -> str:
     """Return the names of effects whose force and torque no topic has, as text; "" if there are none.
 
-    `topic` is one of the motion of the body, of several in a bag that was made of their logs.
+    `topic` is one of the motion: it says which body is meant in a bag that was made of several logs.
     """
     if RUN in metadata:
         return metadata[RUN].get(UNLOGGED, "")

@@ -163,7 +163,7 @@ def _part(sources: Sequence[Source], span_ns: tuple[float, float], held: Sequenc
 def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:
     """Return the last message before `begin_ns` of each topic of wrenches, by log time.
 
-    Where stamps begin again behind it, another run does, in which it is not held.
+    Where the next stamp is earlier, another run has begun, in which it is not held.
     """
     found: list[_Numbered] = []
     for number, path in enumerate(paths):
