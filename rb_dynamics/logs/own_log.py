@@ -35,6 +35,8 @@ from rb_dynamics.logs.messages import (
     decode_wrench,
 )
 from rb_dynamics.logs.recorded_commands import commands_of
+from rb_dynamics.numerics.argument_checks import shown
+from rb_dynamics.numerics.number_parsing import whole_number
 from rb_dynamics.scene.model import Scene
 from rb_dynamics.scene.read import UNSAID, opened, parse_scene
 
@@ -121,20 +123,43 @@ def scene_of_log(
         SceneError: the scene in it, or an override, is not valid.
     """
     source = open_source(Path(path))
-    for _ in source.blocks():
-        pass
+    # The last sample is the end of a run that was cut off: its log does not say it.
+    last_ns = max(
+        (int(b.log_times.max()) for b in source.blocks() if b.channel.type_name == SAMPLE_TOPICS[0][1]), default=0
+    )
     logged, names = scene_and_names(source, "run again")
-    open_ended = logged.duration is None and "duration" not in overrides
-    end_ns = source.metadata.get(RESULT, {}).get("end_time_ns") if open_ended else None
-    if end_ns is not None:
-        overrides = {**overrides, "duration": int(end_ns) / 1e9}
+    end_ns = end_of_run(source) or last_ns
+    open_ended = logged.duration is None and "duration" not in overrides and end_ns > 0
+    if open_ended:
+        overrides = {**overrides, "duration": end_ns / 1e9}
     scene = parse_scene(logged.text, f"{source.path}: {SCENE}", overrides)
     present = {channel.topic for channel in source.channels.values()}
     topics = {names[channel.topic]: channel.topic for channel in logged.channels}
     # One that was never commanded has no topic there.
     topics |= {names[each.topic]: each.topic for each in logged.actuators if names[each.topic] in present}
     names = {topic: channel for topic, channel in topics.items() if topic.lstrip("/") != channel.lstrip("/")}
-    return scene, names, end_ns is not None
+    return scene, names, open_ended
+
+
+def end_of_run(source: Source) -> int | None:
+    """Return when the run ended, in ns, as the metadata of its log says, all of it being read; None if it does not.
+
+    Raises:
+        LogError: what it says is no time.
+    """
+    told = source.metadata.get(RESULT, {}).get("end_time_ns")
+    if told is None:
+        return None
+    try:
+        end_ns = whole_number(told)
+    except ValueError:
+        end_ns = -1
+    if not 0 <= end_ns < 2**63:
+        raise LogError(
+            f"{source.path} is damaged: its metadata says that the run ended at {shown(told)} ns, expected a time; "
+            "give a copy that is whole"
+        )
+    return end_ns
 
 
 def opened_scene(scene: Scene | str | os.PathLike[str]) -> Scene:

@@ -71,9 +71,8 @@ from rb_dynamics.logs.messages import (
     sample_encoder,
     sample_topics,
 )
-from rb_dynamics.logs.own_log import received_batch, received_commands, received_setpoints, scene_and_names
+from rb_dynamics.logs.own_log import end_of_run, received_batch, received_commands, received_setpoints, scene_and_names
 from rb_dynamics.motion import METHODS, REMOVED
-from rb_dynamics.numerics.argument_checks import shown
 from rb_dynamics.numerics.nanoseconds import split_stamp
 from rb_dynamics.numerics.number_parsing import whole_number
 from rb_dynamics.numerics.vector import ZERO
@@ -302,16 +301,16 @@ class _Facts:
         setpoints = list(received_setpoints(scene, names, received))
         complete = source.complete and INTERRUPTED not in source.metadata
         if complete:
-            result = source.metadata.get(RESULT, {})
+            told = end_of_run(source)
             absent = next_file(source.metadata)
             if absent and begin_ns == 0 and Path(path).is_dir():
                 # The last files of the bag are missing: the others are compared, as of a log that was cut off.
                 complete = False
-            elif begin_ns > 0 or "end_time_ns" not in result:
+            elif begin_ns > 0 or told is None:
                 raise _no_whole_run(source.path, int(begin_ns), absent)
             else:
                 # The wrench may change after the last sample.
-                end_ns = _end(source, result["end_time_ns"])
+                end_ns = told
         if moves:
             names[SET_STATE[0]] = moves[0].channel.topic
         changes = [decode_state_change(message) for message in moves]
@@ -384,19 +383,6 @@ def _no_whole_run(path: Path, begin_ns: int, absent: str) -> LogError:
         return LogError(f"{begin}, {whole}; add its first files, or inspect those that are there")
     folder = f"give the folder of the bag{f', with {absent} in it' if absent else ''}"
     return LogError(f"{path}: found one file of a bag, {whole}; {folder}")
-
-
-def _end(source: Source, told: str) -> int:
-    try:
-        end_ns = whole_number(told)
-    except ValueError:
-        end_ns = -1
-    if not 0 <= end_ns < 2**63:
-        raise LogError(
-            f"{source.path} is damaged: its metadata says that the run ended at {shown(told)} ns, expected a time; "
-            "give a copy that is whole"
-        )
-    return end_ns
 
 
 class _Comparison:

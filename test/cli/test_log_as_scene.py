@@ -58,6 +58,21 @@ def test_commands_act_when_they_did_whatever_their_stamp(tmp_path: Path) -> None
     assert states(again) == states(log)
 
 
+def test_a_run_without_a_duration_ends_where_its_recovered_log_does(tmp_path: Path) -> None:
+    scene = rb.parse_scene(SCENE.replace("duration: 3.0\n", "").replace("rate: 50.0", "rate: 1000.0"))
+    log, cut, whole, again = (tmp_path / f"{name}.mcap" for name in ("node", "cut", "whole", "again"))
+    run = rb.Simulation(scene, [McapSink(log)])
+    run.start()
+    run.advance(2_600_000_000)
+    run.finish()
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    assert main(["recover", str(cut), str(whole)]) == 0
+    assert main(["simulate", str(whole), "--mcap", str(again)]) == 0
+    last_ns = int(read_bag(whole).topics["/pose"].log_times[-1])
+    assert 0 < last_ns < 2_600_000_000
+    assert read_bag(again).metadata["rb_dynamics.result"]["end_time_ns"] == str(last_ns)
+
+
 ACTUATED = """\
 body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}
 wrenches: [{topic: wrench}]
