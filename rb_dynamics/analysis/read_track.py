@@ -40,9 +40,8 @@ from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, unlogged
-from rb_dynamics.formats.message_types import INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
+from rb_dynamics.formats.message_types import COMMAND, INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
-from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel

@@ -40,7 +40,7 @@ from rb_dynamics.analysis.track import (
 )
 from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.body.rigid_body import RigidBody
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.numerics.growing_array import GrowingArray, give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse

@@ -143,14 +143,13 @@ def read_with_commands(args: argparse.Namespace) -> tuple[Scene, RecordedWrenche
     end_ns = math.inf if scene.end_ns is None else scene.end_ns
     topics, start = [channel.topic for channel in scene.channels], args.wrench_start
     channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
-    actuators = [each.topic for each in scene.actuators]
     if repeated:
         # In a log, a command took effect when the log says, whatever its stamp is.
-        commands = RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, actuators)
+        commands = RecordedWrenches([args.scene], topics, end_ns, names, 0, channels, scene.actuators)
         output.note_start(commands)
         return scene, commands
     commands = RecordedWrenches(
-        args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, actuators
+        args.wrench, topics, end_ns, mapping_of(args), "auto" if start is None else start, channels, scene.actuators
     )
     output.note_start(commands)
     commands.require_some(continues=scene.past is not None)

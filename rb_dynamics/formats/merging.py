@@ -38,15 +38,13 @@ from rb_dynamics.formats.log_metadata import (
 from rb_dynamics.formats.mcap_records import McapChannel, Message, Schema
 from rb_dynamics.formats.message_definitions import schema_text
 from rb_dynamics.formats.message_fields import differ
-from rb_dynamics.formats.message_types import DIAGNOSTICS, PLAIN_WRENCH, TRANSFORMS, WRENCH
+from rb_dynamics.formats.message_types import COMMAND, DIAGNOSTICS, PLAIN_WRENCH, SCALAR, TRANSFORMS, WRENCH
 from rb_dynamics.formats.output_file import OutputFile, require_other
 from rb_dynamics.formats.recovery import Copy
 
 # Their messages name what they are about.
 _SHARED = (TRANSFORMS, DIAGNOSTICS)
 
-# Their messages hold until the next.
-_HELD = (WRENCH, PLAIN_WRENCH)
 _Numbered: TypeAlias = tuple[int, Message]
 """A message and the number of its source."""
 
@@ -65,7 +63,7 @@ class Merged:
 def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> Merged:
     """Write the messages of the bags whose log times are within `span_ns` to the MCAP file `target`, by log time.
 
-    Fixed transforms and other latched topics are those of the whole bags; of each topic of wrenches the last message
+    Fixed transforms and other latched topics are those of the whole bags; of each topic of commands the last message
     before `span_ns` is there too, as it is held then. Topics of one name and type become one.
     Topics without a definition of their type are left out, since nothing could read it.
 
@@ -161,7 +159,7 @@ def _part(sources: Sequence[Source], span_ns: tuple[float, float], held: Sequenc
 
 
 def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:
-    """Return the last message before `begin_ns` of each topic of wrenches, by log time.
+    """Return the last message before `begin_ns` of each topic of commands, by log time: it is held until the next.
 
     Where the next stamp is earlier, another run has begun, in which it is not held.
     """
@@ -170,7 +168,7 @@ def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:
         last: dict[str, Message] = {}
         following: dict[str, Message] = {}
         for block in open_source(path).blocks():
-            if block.channel.type_name in _HELD and not _latched(block.channel):
+            if _commands(block.channel) and not _latched(block.channel):
                 for message in block.messages():
                     if message.log_time < begin_ns:
                         last[block.channel.topic] = message
@@ -182,6 +180,11 @@ def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:
             if topic not in following or _stamp(message) <= _stamp(following[topic])
         )
     return sorted(found, key=lambda each: each[1].log_time)
+
+
+def _commands(channel: McapChannel) -> bool:
+    actuates = channel.type_name == SCALAR and channel.topic.endswith(COMMAND)
+    return actuates or channel.type_name in (WRENCH, PLAIN_WRENCH)
 
 
 def _stamp(message: Message) -> int:

@@ -1,5 +1,8 @@
 """The ROS message types that are read or written here."""
 
+COMMAND = "/command"
+"""End of the topic of an actuator's commands, of type `SCALAR`, after its name."""
+
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from rb_dynamics.errors import SceneError, WrenchError
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.number_ranges import Range, check_numbers
 from rb_dynamics.loads.wrench_channels import topic_fault
 from rb_dynamics.numerics.argument_checks import instance, shown, whole_number
-
-COMMAND = "/command"
-"""End of the topic of an actuator's commands, after its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +120,10 @@ class Actuator(Effect):
 
     def _accept(self, value: float) -> Accepted:
         raise NotImplementedError
+
+    def rest(self, value: float, _: float) -> float:
+        """Return the command with which a run begins, if this one came so many seconds before: it is held."""
+        return value
 
 
 def clipped(value: float, limit: float) -> Accepted:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import WrenchError
-from rb_dynamics.loads.actuator import COMMAND, Actuator, ActuatorCommand
+from rb_dynamics.formats.message_types import COMMAND
+from rb_dynamics.loads.actuator import Actuator, ActuatorCommand
 from rb_dynamics.loads.effect import Field, Wrenching
 from rb_dynamics.loads.gradual_wrench import Transient
 from rb_dynamics.loads.magnetorquer import Magnetorquer, turned_in_field

@@ -101,6 +101,12 @@ class Thruster(Actuator):
         """Return the wrench about the centre of mass at `level` times the full force."""
         return frames.hold(Wrench((level * self.force, 0.0, 0.0), frame_id=self.frame))
 
+    def rest(self, value: float, age: float) -> float:
+        """Return the command with which a run begins, if `value` came `age` (s) before: of a pulse, what is left."""
+        if self.command == "level" or not value >= self.minimum_on:
+            return value
+        return value - age if value - age >= self.minimum_on else 0.0
+
     def _accept(self, value: float) -> Accepted:
         if self.command == "level":
             return Accepted(min(1.0, max(0.0, value)), not 0.0 <= value <= 1.0)

@@ -33,9 +33,10 @@ from rb_dynamics.formats.log_metadata import (
 )
 from rb_dynamics.formats.mcap_records import McapChannel
 from rb_dynamics.formats.message_fields import is_other
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.formats.topic_messages import Times, Topic, Values
 from rb_dynamics.formats.transforms import transforms
-from rb_dynamics.loads.actuator import COMMAND, Actuator
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.own_log import logged_scene, require_types
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock

@@ -23,9 +23,9 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import Source, open_source
 from rb_dynamics.formats.log_metadata import INTERRUPTED, MISSING_FILES, RUN, in_simulation_time, next_file, part_ns
 from rb_dynamics.formats.mcap_records import McapChannel, MessageBlock
-from rb_dynamics.formats.message_types import SCALAR, WRENCH
+from rb_dynamics.formats.message_types import COMMAND, SCALAR, WRENCH
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
-from rb_dynamics.loads.actuator import COMMAND, Setpoint
+from rb_dynamics.loads.actuator import Actuator, Setpoint
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.loads.wrench_command_arrays import CommandBatch
@@ -381,7 +381,7 @@ class RecordedWrenches:
         mapping: Mapping[str, str] | None = None,
         start: Start = "stamp",
         channels: WrenchChannels | None = None,
-        actuators: Sequence[str] = (),
+        actuators: Sequence[Actuator] = (),
     ) -> None:
         """Search the bags for the commands on `topics`, by the rule of `names_in_scene`.
 
@@ -394,13 +394,13 @@ class RecordedWrenches:
             mapping: the channel or actuator that each topic of the bags drives, where their names differ.
             start: which time of the bags is time 0 of the run.
             channels: say which commands cannot be honoured.
-            actuators: topics of the commands to the scene's actuators, of type Float64.
+            actuators: of the scene; their commands are of type Float64.
 
         Raises:
             LogError: a bag cannot be read or is damaged or has commands of several runs, `mapping` names what is not
                 there, or none of a bag's topics is one of `topics` or `actuators`.
         """
-        self._topics, self._commanded = topics, actuators
+        self._topics, self._commanded = topics, {each.topic: each for each in actuators}
         self._take(mapping or {})
         self._end_ns, self._channels = end_ns, channels
         self._bags = [self._looked_through(_Recording(Path(path))) for path in paths]
@@ -481,7 +481,9 @@ class RecordedWrenches:
             if bag.ours and bag.moves
         )
         self.notes += (
-            f"{bag.path}: {_drive_nothing(bag, actuators)}" for bag in self._bags if actuators and bag.drives_nothing
+            f"{bag.path}: {_drive_nothing(bag, [*self._commanded])}"
+            for bag in self._bags
+            if actuators and bag.drives_nothing
         )
         self.notes += (
             f"{bag.path}: no channel or actuator of the scene takes {_several(bag.unused)}; map with --topic "
@@ -574,12 +576,11 @@ class RecordedWrenches:
         """Commands to actuators, each at the time at which it was recorded: they have no stamps."""
         found: list[tuple[str, Setpoint]] = []
         for bag in self._bags:
-            line = bag.line
-            found += (
-                (topic, Setpoint(decode_setpoint(message.data), line.stamp(message.log_time) - bag.offset_ns))
-                for message in (open_source(bag.path).messages() if bag.drives else ())
-                if (topic := self._drives(message.channel)) is not None
-            )
+            for message in open_source(bag.path).messages() if bag.drives else ():
+                if (topic := self._drives(message.channel)) is not None:
+                    value, at_ns = decode_setpoint(message.data), bag.line.stamp(message.log_time) - bag.offset_ns
+                    value = self._commanded[topic].rest(value, -at_ns / 1e9) if at_ns < 0 else value
+                    found.append((topic, Setpoint(value, at_ns)))
         return found
 
     @cached_property
@@ -802,7 +803,7 @@ class RecordedWrenches:
             )
         for bag in self._bags:
             if not bag.drives and not any(name.removeprefix("/") in self._wanted for name in bag.found):
-                raise LogError(_no_commands(bag, self._topics, self._commanded))
+                raise LogError(_no_commands(bag, self._topics, [*self._commanded]))
 
     def _begin(self, start: Start) -> None:
         """Find time 0 of the run, and search again the bags whose times are not as stamped."""

@@ -22,9 +22,8 @@ from rosgraph_msgs.msg import Clock
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.log_metadata import RUN
 from rb_dynamics.formats.mcap_records import McapChannel, Message
-from rb_dynamics.formats.message_types import SCALAR, WRENCH
+from rb_dynamics.formats.message_types import COMMAND, SCALAR, WRENCH
 from rb_dynamics.formats.rosbag2_metadata import offered_qos
-from rb_dynamics.loads.actuator import COMMAND
 from rb_dynamics.logs.messages import APPLIED, decode_wrench
 from rb_dynamics.ros.conversions import to_stamp
 from rb_dynamics.ros.other_nodes import unconnected

@@ -14,8 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
-from rb_dynamics.formats.message_types import SCALAR
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.formats.message_types import COMMAND, SCALAR
 from rb_dynamics.ros.health import Health
 
 # By parameter name: the policy offered, and the one a reader may request beyond it.

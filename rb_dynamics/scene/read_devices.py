@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import SceneError
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.formats.yaml.fields import Field, Section
-from rb_dynamics.loads.actuator import COMMAND, Actuator
+from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.actuator_types import ACTUATORS
 from rb_dynamics.loads.effect import Effect
 from rb_dynamics.loads.reaction_wheel import require_contained

@@ -267,7 +267,7 @@ class _Flights:
             return None
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
         end_ns = float("inf") if scene.end_ns is None else scene.end_ns
-        commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, actuators)
+        commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, scene.actuators)
         commands.require_some(continues=scene.past is not None)
         return commands
 

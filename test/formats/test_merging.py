@@ -11,10 +11,13 @@ from typing import Any
 import pytest
 from foreign_bags import GEOMETRY, STORE, TF, header, of, transform, transforms, write_bag
 
+import rb_dynamics as rb
 from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.sinks.mcap_sink import McapSink
 
 SECOND = 10**9
 ALL = (-math.inf, math.inf)
@@ -65,6 +68,23 @@ def test_a_part_keeps_the_fixed_transforms_and_the_wrench_that_is_held(tmp_path:
     assert [time_ns // SECOND for time_ns, *_ in content(tmp_path / "end.mcap")] == [0]
     late = write_bag(tmp_path / "late", wrenches("/b", range(20, 24)))
     assert merge([late, bag], tmp_path / "two.mcap", (0, 1 * SECOND)).messages == 3
+
+
+def test_a_part_knows_what_actuators_do_that_were_commanded_before_it(tmp_path: Path) -> None:
+    """A thruster that was on seemed to be off, and inspect then found a torque that nobody commanded."""
+    body = "{mass: 12, inertia: {diagonal: [0.9, 1.2, 1.6]}, frames: {jet: {position: [0.3, 0.1, 0]}}}"
+    jet = "{type: thruster, name: jet, frame: jet, force: 1.0, command: level, rise: 0.5, fall: 0.3}"
+    scene = rb.parse_scene(f"body: {body}\nactuators: [{jet}]\nduration: 20\noutput_rate: 50\n")
+    levels = [
+        ("jet/command", rb.Setpoint(level, stamp_ns=at * SECOND)) for at, level in ((1, 0.6), (2, 0.5), (12, 0.2))
+    ]
+    log, part = tmp_path / "log.mcap", tmp_path / "part.mcap"
+    rb.simulate(scene, levels, [McapSink(log)])
+    merge([log], part, (5 * SECOND, 18 * SECOND))
+    commands = read_bag(part).topics["/jet/command"]
+    assert commands.log_times.tolist() == [2 * SECOND, 12 * SECOND]
+    (check,) = [c for c in summarize(read_track(read_bag(part), scene)).checks if c.name.startswith("inertia explains")]
+    assert check.passed
 
 
 def test_what_may_be_two_bodies_or_two_clocks_is_told(tmp_path: Path) -> None:

@@ -165,8 +165,7 @@ def test_log_replay_pieces_and_a_bag_of_commands_give_the_same_bits(tmp_path: Pa
     bag = read_bag(path)
     assert bag.metadata["rb_dynamics"]["effects_not_logged_as_wrench"] == "magnetorquer"
     assert len(bag.topics["/jet/applied"].log_times) == 2
-    topics = [actuator.topic for actuator in scene.actuators]
-    again = rb.simulate(scene, RecordedWrenches([path], [], 3e9, start="auto", actuators=topics))
+    again = rb.simulate(scene, RecordedWrenches([path], [], 3e9, start="auto", actuators=scene.actuators))
     assert again.sample == run.sample
     simulation = rb.Simulation(scene, [pieces])
     for topic, setpoint in COMMANDS:

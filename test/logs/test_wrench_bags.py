@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,8 @@ from rb_dynamics.formats.channel_metadata import log_channel
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.message_types import POSE, SCALAR
 from rb_dynamics.formats.output_file import OutputFile
+from rb_dynamics.loads.reaction_wheel import ReactionWheel
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, read_wrenches
@@ -33,6 +36,7 @@ SLEW = Path(__file__).parents[2] / "examples" / "slew.mcap"
 WRENCH = "geometry_msgs/msg/Wrench"
 WALL_NS = 1_700_000_000_123_456_789
 SECOND = 1_000_000_000
+WHEEL = ReactionWheel(name="w", axis=(1.0, 0.0, 0.0), inertia=0.5)
 
 
 def test_names_that_do_not_match_are_listed() -> None:
@@ -364,7 +368,7 @@ def test_commands_that_nothing_takes_are_named(tmp_path: Path) -> None:
     rows += [("/wheel/command", number[0], k * SECOND, cdr.encode(number[0], (0.1,))) for k in (1, 20, 21)]
     rows += [("/thrust", STAMPED, SECOND, stamped(SECOND, 1.0))]
     rows += [("/rod/command", number[1], SECOND, b"\0\1\0\0" + b"\0\0\0\0")]
-    bag, actuators = write_rows(tmp_path / "a.mcap", rows), ["wheel/command", "rod/command"]
+    bag, actuators = write_rows(tmp_path / "a.mcap", rows), [replace(WHEEL, name=name) for name in ("wheel", "rod")]
     found = RecordedWrenches([bag], ["wrench"], 10 * SECOND, actuators=actuators)
     assert "takes /rod/command (Float32), /thrust (WrenchStamped)" in found.notes[0]
     assert "2 of 3 commands to actuators lie after the end of the run at 10 s" in found.notes[1]
@@ -427,8 +431,29 @@ def test_commands_to_actuators_act_when_they_were_recorded_by_the_clock_of_the_s
         ("/wheel", "std_msgs/msg/Float64", log_ns + 2 * SECOND, cdr.encode("std_msgs/msg/Float64", (0.5,))),
     ]
     path = write_rows(tmp_path / "bag.mcap", rows)
-    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, {"/wheel": "w/command"}, start, actuators=["w/command"])
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, {"/wheel": "w/command"}, start, actuators=[WHEEL])
     assert [(topic, point.value, point.stamp_ns) for topic, point in found.setpoints] == [("w/command", 0.5, expected)]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "command", "minimum_on", "expected"),
+    [
+        (3, "on_time", 0.0, [5.0]),
+        (3, "on_time", 6.0, [0.0]),  # a pulse that short is none
+        (3, "level", 0.0, [7.0]),
+        (9, "on_time", 0.0, [0.0]),
+        (1, "on_time", 0.0, [7.0]),
+    ],
+)
+def test_of_a_pulse_from_before_the_run_the_rest_acts(
+    tmp_path: Path, start_s: int, command: str, minimum_on: float, expected: list[float]
+) -> None:
+    """It began anew at time 0, with its whole on-time."""
+    row = ("/jet/command", SCALAR, SECOND, cdr.encode(SCALAR, (7.0,)))
+    bag = write_rows(tmp_path / "bag.mcap", [("/x", SCALAR, 0, cdr.encode(SCALAR, (0.0,))), row])
+    jet = Thruster(name="jet", frame="jet", force=1.0, command=command, minimum_on=minimum_on)
+    found = RecordedWrenches([bag], [], 20 * SECOND, start=start_s * SECOND, actuators=[jet])
+    assert [point.value for _, point in found.setpoints] == expected
 
 
 def levels(path: Path, log_ns: Sequence[int]) -> Path:
@@ -464,7 +489,7 @@ def test_commands_to_actuators_of_a_bag_of_their_own_are_of_one_time_with_the_ot
     if wrenches is not None:
         row = ("/wrench", STAMPED, wrenches[1], stamped(wrenches[0], 1.0))
         bags.append(write_rows(tmp_path / "wrenches.mcap", [row]))
-    found = RecordedWrenches(bags, ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
+    found = RecordedWrenches(bags, ["wrench"], 20 * SECOND, start=start, actuators=[WHEEL])
     assert [point.stamp_ns for _, point in found.setpoints] == [expected]
 
 
@@ -481,7 +506,7 @@ def test_commands_to_actuators_are_on_the_clock_of_the_bag_that_was_recorded_wit
         bags.append(write_rows(tmp_path / f"wrenches{k}.mcap", rows))
         bags.append(levels(tmp_path / f"levels{k}.mcap", [log_ns + 2 * SECOND]))
     for these in (bags, bags[::-1]):
-        found = RecordedWrenches(these, ["wrench"], 1000 * SECOND, start=start, actuators=["w/command"])
+        found = RecordedWrenches(these, ["wrench"], 1000 * SECOND, start=start, actuators=[WHEEL])
         assert sorted(point.stamp_ns for _, point in found.setpoints) == [2 * SECOND, 22 * SECOND]
 
 
@@ -490,7 +515,7 @@ def test_commands_to_actuators_alone_are_on_the_clock_of_the_motion_beside_them(
     level = cdr.encode(SCALAR, (0.5,))
     rows: list[Row] = [("/pose", POSE, WALL_NS, pose), ("/w/command", SCALAR, WALL_NS + SECOND, level)]
     bag = write_rows(tmp_path / "bag.mcap", rows)
-    found = RecordedWrenches([bag], [], 20 * SECOND, start="auto", actuators=["w/command"])
+    found = RecordedWrenches([bag], [], 20 * SECOND, start="auto", actuators=[WHEEL])
     assert [point.stamp_ns for _, point in found.setpoints] == [4 * SECOND]
 
 
@@ -513,7 +538,7 @@ def test_commands_without_stamps_follow_a_clock_of_another_rate(tmp_path: Path, 
     def bag(logged: Callable[[int], int], rate: int = 10) -> RecordedWrenches:
         rows = [*poses(range(0, 20 * SECOND, SECOND // rate), logged), *((topic, kind, logged(k), data) for k in at)]
         path = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
-        return RecordedWrenches([path], ["wrench"], 20 * SECOND, start=start, actuators=["w/command"])
+        return RecordedWrenches([path], ["wrench"], 20 * SECOND, start=start, actuators=[WHEEL])
 
     found = bag(lambda at: WALL_NS + 2 * at)
     assert [each.stamp_ns for _, each in (*found, *found.setpoints)] == at
@@ -536,7 +561,7 @@ def test_a_motion_in_bursts_does_not_move_commands_to_actuators(tmp_path: Path) 
     rows = poses(stamps, lambda at: WALL_NS + -(-(at - WALL_NS + 1) // (2 * SECOND)) * 2 * SECOND)
     rows += [("/w/command", SCALAR, WALL_NS + at * SECOND, cdr.encode(SCALAR, (0.5,))) for at in range(1, 20, 3)]
     bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
-    found = RecordedWrenches([bag], [], 20 * SECOND, start=WALL_NS, actuators=["w/command"])
+    found = RecordedWrenches([bag], [], 20 * SECOND, start=WALL_NS, actuators=[WHEEL])
     assert [each.stamp_ns for _, each in found.setpoints] == [at * SECOND for at in range(1, 20, 3)]
 
 
@@ -616,7 +641,7 @@ def test_commands_without_stamps_that_come_in_bursts_are_named(tmp_path: Path, k
         topic, data = "/wrench", cdr.encode(WRENCH, (1.0,) * 6)
     rows += [(topic, kind, WALL_NS + -(-k // every) * every * SECOND // 20 + k, data) for k in range(1, 400)]
     bag = write_rows(tmp_path / "a.mcap", sorted(rows, key=lambda row: row[2]))
-    told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto", actuators=["w/command"]).notes
+    told = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto", actuators=[WHEEL]).notes
     words = f"{topic} has no stamps and was recorded in bursts, up to 1 s apart"
     assert any(words in note for note in told) == (every > 1)
     if kind == WRENCH:
@@ -634,14 +659,14 @@ def test_commands_to_actuators_that_the_scene_does_not_have_are_named(tmp_path: 
     ]
     path = write_rows(tmp_path / "bag.mcap", rows)
     mapping = {"/sat/wrench": "wrench"}
-    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, mapping, actuators=["w/command"])
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, mapping, actuators=[WHEEL])
     assert found.setpoints == []
     remedy = "no actuator of the scene (w/command); map with --topic TOPIC=ACTUATOR/command"
     assert [note for note in found.notes if "actuator" in note] == [
         f"{path}: /other/w/command, /sat/w/command command {remedy}",
     ]
     both = RecordedWrenches(
-        [path], ["wrench"], 9 * SECOND, {**mapping, "/sat/w/command": "w/command"}, actuators=["w/command"]
+        [path], ["wrench"], 9 * SECOND, {**mapping, "/sat/w/command": "w/command"}, actuators=[WHEEL]
     )
     assert len(both.setpoints) == 1
     assert [note for note in both.notes if "actuator" in note] == [
@@ -671,7 +696,9 @@ def test_commands_to_actuators_that_the_scene_does_not_have_are_rejected_and_cou
     said = capsys.readouterr().out
     assert "note: 5 of 6 commands were rejected; the first: /q/command" in said
     assert "from one command to the next" not in said, "slower than the body turns, but nothing is to follow them"
-    mapped = RecordedWrenches([bag], ["wrench"], 9 * SECOND, {"/w/speed": "q/command"}, actuators=["q/command"])
+    mapped = RecordedWrenches(
+        [bag], ["wrench"], 9 * SECOND, {"/w/speed": "q/command"}, actuators=[replace(WHEEL, name="q")]
+    )
     assert len(mapped) == 2
     assert mapped.to_absent == {}
 
@@ -681,8 +708,8 @@ def test_a_bag_whose_only_commands_fit_no_actuator_is_refused_by_their_name(tmp_
     bag = write_rows(tmp_path / "bag.mcap", [(topic, SCALAR, SECOND, cdr.encode(SCALAR, (0.5,)))])
     told = rf"{topic} commands no actuator of the scene \(w/command\); map with --topic TOPIC=ACTUATOR/command"
     with pytest.raises(LogError, match=told):
-        RecordedWrenches([bag], [], 9 * SECOND, actuators=["w/command"])
-    found = RecordedWrenches([bag], [], 9 * SECOND, {topic: "w/command"}, actuators=["w/command"])
+        RecordedWrenches([bag], [], 9 * SECOND, actuators=[WHEEL])
+    found = RecordedWrenches([bag], [], 9 * SECOND, {topic: "w/command"}, actuators=[WHEEL])
     assert len(found.setpoints) == 1
 
 
@@ -692,7 +719,7 @@ def test_a_bag_of_a_namespace_drives_the_channel_and_the_actuator_that_alone_fit
         ("/sat/w/command", SCALAR, 2 * SECOND, cdr.encode(SCALAR, (0.5,))),
     ]
     path = write_rows(tmp_path / "bag.mcap", rows)
-    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, start="auto", actuators=["w/command"])
+    found = RecordedWrenches([path], ["wrench"], 9 * SECOND, start="auto", actuators=[WHEEL])
     assert [topic for topic, _ in (*found, *found.setpoints)] == ["wrench", "w/command"]
     assert found.notes == [
         "/sat/wrench is taken for wrench of the scene",

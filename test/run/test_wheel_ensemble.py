@@ -14,7 +14,7 @@ import pytest
 
 from rb_dynamics import RigidBody, Scene, State
 from rb_dynamics.errors import ConvergenceError, WrenchError
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.loads.central_gravity import CentralGravity
 from rb_dynamics.loads.magnetic_field import MagneticField
 from rb_dynamics.loads.magnetorquer import Magnetorquer

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rb_dynamics.errors import ConvergenceError, WrenchError
-from rb_dynamics.loads.actuator import COMMAND
+from rb_dynamics.formats.message_types import COMMAND
 from rb_dynamics.loads.combined_effects import CombinedEffects
 from rb_dynamics.loads.effect import Stored
 from rb_dynamics.loads.varying_load import LoadDependence
