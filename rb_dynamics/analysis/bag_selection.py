@@ -22,8 +22,8 @@ def part_of(track: Track, window_s: Window) -> Bag:
     """Return the bag of `track` with what lies in `window_s`.
 
     Times are simulation time of a log of this package, else s since the start of the motion.
-    Of each wrench, what was held at the beginning is kept too, as are commands that then waited for their delay, and
-    mass properties.
+    Of each topic of commands, what was held at the beginning is kept too, as are commands that then waited for their
+    delay, and mass properties.
 
     Raises:
         LogError: nothing of the motion lies in it.
@@ -43,8 +43,9 @@ def part_of(track: Track, window_s: Window) -> Bag:
     line = ClockLine()
     if stamped and not track.own and stamped[0].stamps_given:
         line = StampClock.of(stamped[0].log_times, stamped[0].stamps).line
-    waits_ns = _delays(track)
-    parts = {name: _part(topic, begin, end, line, waits_ns.get(name, 0)) for name, topic in track.bag.topics.items()}
+    waits_ns = dict.fromkeys((name for name, t in track.bag.topics.items() if t.type_name in WRENCHES), 0)
+    waits_ns |= dict.fromkeys(track.bag.actuated, 0) | _delays(track)
+    parts = {name: _part(topic, begin, end, line, waits_ns.get(name)) for name, topic in track.bag.topics.items()}
     logged = np.concatenate([times for _, times in parts.values()])
     cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
     topics = {name: topic for name, (topic, _) in parts.items()}
@@ -52,18 +53,20 @@ def part_of(track: Track, window_s: Window) -> Bag:
 
 
 def _delays(track: Track) -> dict[str, int]:
-    """Return the delay (ns) of the commands on each topic, by the scene."""
+    """Return the delay (ns) of the commands on topics of which the scene tells it."""
+    actuators = () if track.scene is None else track.scene.actuators
+    found = {name: round(each.delay * 1e9) for each in actuators for name in track.bag.actuated_of(each)}
     if not track.own:
-        return {wrench.topic: wrench.channel.delay_ns for wrench in track.wrenches if wrench.channel is not None}
+        return found | {each.topic: each.channel.delay_ns for each in track.wrenches if each.channel is not None}
     names = track.bag.metadata.get(TOPICS, {})
     channels = () if track.scene is None else track.scene.channels
-    return {names.get(channel.topic, ""): channel.delay_ns for channel in channels}
+    return found | {names.get(channel.topic, ""): channel.delay_ns for channel in channels}
 
 
-def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int) -> tuple[Topic, Times]:
+def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int | None) -> tuple[Topic, Times]:
     """Return the messages from `begin` to `end` and those that are kept too, and the log times of the first alone.
 
-    Those that came less than `wait` before are kept, and of a wrench the last one before them.
+    Of commands, those that came less than `wait` before are kept, and the last one before them.
     """
     if not topic.count:
         return topic, topic.log_times
@@ -71,7 +74,7 @@ def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int) -> tup
     times = topic.stamps if known and topic.stamps_given else line.stamps(topic.log_times)
     rows = (times >= begin) & (times <= end)
     logged = topic.log_times[rows]
-    if topic.type_name in WRENCHES:
+    if wait is not None:
         rows |= (times >= begin - wait) & (times < begin)
         before = np.flatnonzero(times < begin - wait)
         if len(before):

@@ -59,6 +59,15 @@ def test_inspect_finds_nothing_else_that_acted_and_a_force_that_is_wrong(tmp_pat
     assert [check.name for check in wrong.checks if not check.passed]
 
 
+@pytest.mark.parametrize("begin_s", [1.7, 3.1, 4.3])
+def test_what_was_commanded_before_a_part_acts_in_it(tmp_path: Path, begin_s: float) -> None:
+    """`inspect --from` left it out, and found torques that nobody commanded."""
+    scene = rb.parse_scene(SCENE)
+    bag = recorded(tmp_path / "bag", scene, 8)
+    found = rb.inspect(bag, scene=scene, window_s=(begin_s, 8.0))
+    assert not [check.name for check in found.summary.checks if not check.passed]
+
+
 @pytest.mark.slow
 def test_commands_that_are_recorded_some_milliseconds_late_accuse_nobody(tmp_path: Path) -> None:
     """They have no stamps: what acted is known only as well as when."""
