@@ -28,6 +28,11 @@ Uncertain: TypeAlias = "Mapping[str, object] | str | os.PathLike[str] | Identifi
 STATE = ("orientation", "angular_velocity_body", "position_world", "linear_velocity_world")
 """Parts of a first state."""
 
+# The largest standard deviation: squares of larger ones, and of what follows from them, are beyond double precision.
+_MOST = 1e100
+# Part of a standard deviation squared by which rounding may make a variance negative.
+_ROUNDED = 1e-6
+
 
 class UncertainNumbers(NamedTuple):
     """What is uncertain: names, their covariance, and what is taken as exact."""
@@ -120,13 +125,13 @@ def _named(name: str, value: object, scene: Scene, source: str) -> dict[str, flo
         )
     values = value if isinstance(value, (list, tuple)) else [value] * len(axes)
     good = len(values) == len(axes) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v) and v >= 0.0 for v in values
+        isinstance(v, (int, float)) and not isinstance(v, bool) and 0.0 <= v <= _MOST for v in values
     )
     if not good:
         many = "" if len(axes) == 1 else f", or a list of {len(axes)} ({', '.join(axes)})"
         raise SceneError(
-            f"{source}: {name}: found {shown(value)}, expected a standard deviation, 0 or more, in SI units{many}; "
-            "correct it"
+            f"{source}: {name}: found {shown(value)}, expected a standard deviation, 0 or more, up to {_MOST:g}, in "
+            f"SI units{many}; correct it"
         )
     return {f"{whole}.{axis}" if axis else whole: float(v) for axis, v in zip(axes, values, strict=True)}
 
@@ -192,4 +197,22 @@ def _of_fit(found: Mapping[str, Any], source: str, scene: Scene) -> UncertainNum
                 "that identify wrote with --out"
             )
     part = (scale[:, None] * matrix * scale)[np.ix_(known, known)]
+    if not _is_covariance(part):
+        raise SceneError(
+            f"{source}: found a covariance of {', '.join(names[k] for k in known)} that no random numbers have, "
+            "expected finite numbers, a symmetric matrix and correlations that are possible together; make it again"
+        )
     return UncertainNumbers(tuple(names[k] for k in known), part, tuple(unknown))
+
+
+def _is_covariance(matrix: Array) -> bool:
+    """Return whether random numbers have this covariance (n, n), but for rounding."""
+    variances = np.diagonal(matrix)
+    if not (np.isfinite(matrix).all() and ((variances >= 0.0) & (variances <= _MOST**2)).all()):
+        return False
+    sizes = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    shares = matrix / sizes[:, np.newaxis] / sizes
+    return bool(
+        np.allclose(shares, shares.T, rtol=0.0, atol=_ROUNDED)
+        and np.linalg.eigvalsh(shares).min(initial=0.0) >= -_ROUNDED
+    )

@@ -298,6 +298,7 @@ def test_ratios_of_a_fit_without_torque_are_used_and_the_rest_is_called_exact(lo
         ("mass=-1", "mass: found -1.0, expected a standard deviation, 0 or more"),
         ("inertia=[1, 2]", "or a list of 6 (xx, yy, zz, xy, xz, yz)"),
         ("mass=0", "found nothing uncertain"),
+        ("mass=1e200", "expected a standard deviation, 0 or more, up to 1e+100"),
         ("mass", "expected NAME=VALUE"),
         ("wrench_scale.thrust=1", "expected the scale of a topic of the run: "),
     ],
@@ -323,6 +324,17 @@ def test_the_command_prints_it_as_json(tmp_path: Path, capsys: pytest.CaptureFix
     assert found["linear_until_s"] is None
     assert main(["simulate", str(scene), "--covariance", str(tmp_path / "none.yaml")]) == 2
     assert capsys.readouterr().err.startswith("rb-dynamics: cannot read ")
+
+
+@pytest.mark.parametrize("rows", [[[-1.0, 0], [0, 1]], [[1, 2], [2, 1]], [[1, None], [None, 1]], [[1, 0.5], [0, 1]]])
+def test_the_covariance_of_a_fit_is_one(rows: list[list[float | None]]) -> None:
+    each = {"known": True, "standard_error": 1.0}
+    numbers = [{"name": f"initial[0].angular_velocity_body.{axis}", **each} for axis in "xy"]
+    fit = {"parameters": numbers, "covariance": rows, "inertia": MATRIX.tolist()}
+    with pytest.raises(rb.SceneError, match="that no random numbers have"):
+        uncertain_numbers(fit, None, rb.parse_scene(SCENE))
+    exact = {**fit, "covariance": [[1.0, -1.0], [-1.0, 1.0]]}
+    assert uncertain_numbers(exact, None, rb.parse_scene(SCENE)).matrix.tolist() == exact["covariance"]
 
 
 def test_the_momentum_of_a_rotor_that_a_fit_found_may_be_uncertain() -> None:
