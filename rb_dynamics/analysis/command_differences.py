@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -102,7 +102,14 @@ def command_differences(
             f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
             "no usable numbers; --scene SCENE says what frames are."
         )
-    return found if found or not (unknown or devices or hidden) else None, told
+    sides = (steps for side in (one, other) for steps in side.values())
+    limited = sorted({steps.topic for steps in sides if not steps.known.all()} - {*unknown})
+    if limited:
+        told.append(
+            f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel; "
+            "with --scene SCENE what acts of them is."
+        )
+    return found if found or not (unknown or devices or hidden or limited) else None, told
 
 
 def _of_wrenches(
@@ -177,7 +184,18 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
 
 def _acting(steps: RecordedWrench, channel: Channel | None) -> RecordedWrench:
     """Return what acts of recorded commands in `channel` of the log beside them, as the log has what acted."""
-    return steps if channel is None or steps.topic.endswith(APPLIED) else in_channel(steps, channel)
+    if channel is None or steps.topic.endswith(APPLIED):
+        return steps
+    # Commands that were read without their channel are not known where its limits may change them.
+    return in_channel(steps if steps.channel else _within_limits(steps, channel), channel)
+
+
+def _within_limits(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
+    """Return commands that are not known beyond the limits of `channel`, and where a torque has a lever arm in it."""
+    most = 1.0 + 1e-12
+    within = np.linalg.norm(steps.force, axis=1) <= channel.max_force * most
+    within &= np.linalg.norm(steps.torque, axis=1) <= channel.max_torque * most
+    return replace(steps, known=steps.known & within & ~(steps.at_point & np.isfinite(channel.max_torque)))
 
 
 def _without_effects(side: dict[str, RecordedWrench], other: dict[str, RecordedWrench]) -> dict[str, RecordedWrench]:

@@ -679,6 +679,25 @@ def test_commands_of_a_bag_are_compared_as_the_scene_lets_them_act(tmp_path: Pat
     assert (told.first_ns, told.force, told.torque) == (1_730_000_000, pytest.approx(0.2), 0.0)
 
 
+def test_commands_of_a_bag_beyond_the_limits_of_their_channel_are_not_known_without_the_scene(tmp_path: Path) -> None:
+    """The log has what acted of them: they "differed" from what was commanded."""
+    for excess in ("clip", "reject"):
+        limits = f"{{topic: thrust, max_force: 0.8, on_excess: {excess}}}"
+        scene = rb.parse_scene(SCENE.replace("{topic: thrust}", limits))
+        flown = tmp_path / "flown.mcap"
+        rb.simulate(scene, COMMANDS, [McapSink(flown)])
+        bag = foreign(tmp_path / "bag.mcap", flown, later_ns=LATER, commands=bag_commands())
+        found = rb.compare(flown, bag)
+        assert found.commands is None
+        assert any("beyond the limits" in note for note in found.notes)
+        assert rb.compare(flown, bag, scene=scene).commands == []
+        # What is within them is compared.
+        late = [bag_commands()[0], ("/thrust", 2_000_000_000, (0.0, 0.5, 0.0, -0.4, 0.1, 0.0))]
+        other = foreign(tmp_path / "other.mcap", flown, later_ns=LATER, commands=late)
+        (told,) = rb.compare(flown, other).commands or ()
+        assert told.first_ns == 3_100_000_000
+
+
 def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Path, folder: Path) -> None:
     one, other = (
         foreign(
