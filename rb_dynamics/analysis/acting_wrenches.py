@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import RecordedWrench, Times
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.log_metadata import part_ns
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.loads.wrench_channels import Channel
+from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.numerics.nanoseconds import nanoseconds
 from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene
+
+_LONG_BEFORE_NS = -(2**62)
 
 
 def channels_of(
@@ -69,11 +73,16 @@ def timed_out(times: Times, timeout_ns: int) -> tuple[Times, NDArray[np.intp]]:
 
 
 def acting_wrenches(
-    wrenches: Sequence[RecordedWrench], scene: Scene, missing: Sequence[tuple[int, int]], zero_ns: int
+    wrenches: Sequence[RecordedWrench],
+    scene: Scene,
+    missing: Sequence[tuple[int, int]],
+    zero_ns: int,
+    whole: bool = True,
 ) -> tuple[RecordedWrench, ...]:
     """Return what acts of recorded `wrenches`, and what effects and biases of `scene` hold from `zero_ns` on.
 
-    Commands are unknown after each `missing` piece (first and last ns) of the recording, until the next.
+    Commands are unknown after each `missing` piece (first and last ns) of the recording, until the next. Unless the
+    recording is `whole`, so is what `scene` schedules: nothing says when the run began.
     """
     known = (steps.without(missing) for steps in wrenches)
     found = [each if each.channel is None else in_channel(each, each.channel) for each in known]
@@ -81,11 +90,25 @@ def acting_wrenches(
     return (
         *found,
         *(
-            _scheduled(name, entries, scene, zero_ns)
+            _scheduled(name, entries, scene, zero_ns, whole)
             for name, entries in scene.combined_effects.schedules()
             if not any(f"/{topic}".endswith(f"/{name}") for topic in recorded)
         ),
     )
+
+
+def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> RecordedWrench:
+    """Return commands of which, in a part of a bag, those before the one that is held may still wait in `channel`.
+
+    They are not in the part.
+    """
+    part, topic = part_ns(bag.metadata), bag.topics.get(steps.topic)
+    if part is None or channel is None or not channel.delay_ns or topic is None or not len(steps.time_ns):
+        return steps
+    if int(topic.log_times.min()) >= part[0]:
+        return steps
+    first_ns = int(steps.time_ns[0])
+    return steps.without([(first_ns - channel.delay_ns, first_ns)])
 
 
 def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
@@ -104,10 +127,12 @@ def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
     )
 
 
-def _scheduled(name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene, zero_ns: int) -> RecordedWrench:
+def _scheduled(
+    name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene, zero_ns: int, whole: bool
+) -> RecordedWrench:
     frames = scene.frames
     held = [frames.hold(wrench) for _, wrench in entries]
-    return RecordedWrench(
+    found = RecordedWrench(
         topic=name,
         time_ns=np.array([zero_ns + nanoseconds(time) for time, _ in entries], dtype=np.int64),
         force=np.array([np.add(each.force_body, each.force_world) for each in held], dtype=np.float64),
@@ -118,3 +143,7 @@ def _scheduled(name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene,
         frames=tuple(sorted({wrench.frame_id for _, wrench in entries})),
         weight=name.rstrip("_0123456789") == f"effects/{UniformGravity.kind}",
     )
+    if whole or (len(entries) == 1 and entries[0][0] <= 0.0):
+        return found
+    always = found.without([(_LONG_BEFORE_NS, zero_ns)])
+    return replace(always, known=np.zeros(len(always.time_ns), dtype=bool))

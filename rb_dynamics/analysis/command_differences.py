@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rb_dynamics.analysis.acting_wrenches import in_channel
+from rb_dynamics.analysis.acting_wrenches import in_channel, waiting
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.analysis.track import Array, RecordedWrench, Times, Track
 from rb_dynamics.formats.log_metadata import TOPICS
 from rb_dynamics.loads.actuator import Actuator
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench_channels import Channel
+from rb_dynamics.logs.bag_reader import Bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
@@ -106,8 +107,8 @@ def command_differences(
     limited = sorted({steps.topic for steps in sides if not steps.known.all()} - {*unknown})
     if limited:
         told.append(
-            f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel; "
-            "with --scene SCENE what acts of them is."
+            f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel, "
+            "which --scene SCENE applies, or still waited in it where a part of a bag begins."
         )
     return found if found or not (unknown or devices or hidden or limited) else None, told
 
@@ -179,15 +180,17 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     scene = None if track.own else flown.scene
     acts = {each.topic.removeprefix("/"): each for each in (() if scene is None else scene.channels)}
     called = [channels.get(name, name) for name in recorded]
-    return {name: _acting(steps, acts.get(name)) for name, steps in zip(called, track.recorded, strict=True)}
+    found = zip(called, track.recorded, strict=True)
+    return {name: _acting(steps, track.bag, acts.get(name)) for name, steps in found}
 
 
-def _acting(steps: RecordedWrench, channel: Channel | None) -> RecordedWrench:
-    """Return what acts of recorded commands in `channel` of the log beside them, as the log has what acted."""
+def _acting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> RecordedWrench:
+    """Return what acts of commands recorded in `bag` in `channel` of the log beside them, as that has what acted."""
     if channel is None or steps.topic.endswith(APPLIED):
         return steps
     # Commands that were read without their channel are not known where its limits may change them.
-    return in_channel(steps if steps.channel else _within_limits(steps, channel), channel)
+    steps = waiting(steps if steps.channel else _within_limits(steps, channel), bag, channel)
+    return in_channel(steps, channel)
 
 
 def _within_limits(steps: RecordedWrench, channel: Channel) -> RecordedWrench:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, which_channel
+from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, waiting, which_channel
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
@@ -39,7 +39,7 @@ from rb_dynamics.analysis.velocities_from_poses import rates_of
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN, unlogged
+from rb_dynamics.formats.log_metadata import RUN, part_ns, unlogged
 from rb_dynamics.formats.message_types import COMMAND, INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.thruster import Thruster
@@ -272,7 +272,9 @@ class _TrackReader:
             missing=self._missing(own),
         )
         if self.scene is not None:
-            held = acting_wrenches(wrenches, self.scene, track.missing, track.zero_ns)
+            sent = [waiting(steps, self.bag, steps.channel) for steps in wrenches]
+            whole = part_ns(self.bag.metadata) is None
+            held = acting_wrenches(sent, self.scene, track.missing, track.zero_ns, whole)
             track = replace(track, by_scene=held)
         if twist is not None and pose is None and not (own or spikes):
             pushes = ((each.time_ns, np.hstack([each.force, each.torque])) for each in track.by_scene or wrenches)

@@ -14,6 +14,7 @@ from rb_dynamics.analysis.acting_wrenches import acting_wrenches, timed_out
 from rb_dynamics.analysis.identification.flights import read_flight
 from rb_dynamics.analysis.read_track import TopicChoice
 from rb_dynamics.analysis.track import RecordedWrench
+from rb_dynamics.conversion.convert import merge_bags
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
@@ -246,6 +247,20 @@ def test_a_topic_is_chosen_for_a_channel_only(tmp_path: Path) -> None:
             parse_scene(SCENE.format(zz=0.38, rest=ACTING["delay"])),
             topics=TopicChoice(wrenches=("/wrench=push",)),
         )
+
+
+@pytest.mark.parametrize("what", ["delay", "schedule"])
+def test_what_a_part_of_a_bag_does_not_have_is_not_known(what: str, tmp_path: Path) -> None:
+    """A command that still waits where it begins, and the time of a schedule, are not in it: it accused the body."""
+    rest = "wrenches: [{topic: wrench, delay: 1.5}]" if what == "delay" else ACTING[what]
+    commands = [*COMMANDS, ("wrench", Wrench(torque=(0.02, 0.06, 0.01), stamp_ns=3 * SECOND))]
+    bag, part = flown(tmp_path, rest, commands), tmp_path / "part.mcap"
+    merge_bags([bag], part, (4.2 if what == "delay" else 1.5, None))
+    found = inspect(part, parse_scene(SCENE.format(zz=0.38, rest=rest)))
+    assert all(check.passed for check in found.summary.checks if check.judged)
+    assert verdict(found)[0] == (what == "delay")
+    if what == "delay":
+        assert compare(tmp_path / "run.mcap", part, align=0.0).commands is None
 
 
 def test_a_part_of_a_bag_begins_with_the_commands_that_wait_for_their_delay(tmp_path: Path) -> None:
