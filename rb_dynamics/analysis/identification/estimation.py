@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from rb_dynamics.analysis.identification.first_guess import first_guess
 from rb_dynamics.analysis.identification.flights import Flight
 from rb_dynamics.analysis.identification.measurement_model import Model, Predicted
 from rb_dynamics.analysis.identification.multiple_shooting import joined
-from rb_dynamics.analysis.identification.residuals import Fit, fit_bands, residuals_of
+from rb_dynamics.analysis.identification.residuals import MOST, Fit, fit_bands, level, residuals_of
 from rb_dynamics.analysis.identification.sensor_noise import Key, floor_of, largest, noise_shown
 from rb_dynamics.analysis.identification.stacked_rows import sane, stacked, tame, triangle
 from rb_dynamics.analysis.track import Array
@@ -210,14 +209,9 @@ def _explained(model: Model, z: Array, noise: dict[Key, float], loss: str) -> bo
 
     Of a robust loss, nearly a third may be outliers; by the median, a motion that fits half of the samples would do.
     """
-    return all(_level(p.left, loss, 0.7) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False))
-
-
-def _level(left: Array, loss: str, part: float = 0.5) -> float:
-    """Return the root mean square of residuals; of a robust loss that of normal noise with the size of this part."""
-    if loss == "linear":
-        return float(np.sqrt(np.mean(left**2)))
-    return float(np.quantile(np.abs(left), part)) / NormalDist().inv_cdf(0.5 + 0.5 * part)
+    return all(
+        level(p.left, loss != "linear", MOST) <= _ENOUGH * noise[p.key] for p in model.predict(z, derivatives=False)
+    )
 
 
 def _angles(model: Model) -> list[float]:
@@ -370,7 +364,9 @@ def _of_a_motion(model: Model, z: Array, noise: dict[Key, float]) -> list[Predic
 def _estimated(model: Model, predicted: Sequence[Predicted], noise: dict[Key, float], loss: str) -> dict[Key, float]:
     """Return the noise of each sensor in each flight that the residuals show, over the freedom that the fit left."""
     freedoms = _freedoms(predicted, noise)
-    taken = {each.key: (each.left.size * _level(each.left, loss) ** 2, freedoms[each.key]) for each in predicted}
+    taken = {
+        each.key: (each.left.size * level(each.left, loss != "linear") ** 2, freedoms[each.key]) for each in predicted
+    }
     found = {}
     for each in predicted:
         squares, freedom = taken[each.key]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from rb_dynamics.analysis.track import Array
 # Residuals of more than this many times their noise are not explained by the model. Noise alone reaches 1.3, that of
 # throws whose truth is known 4.3. A fit that leaves more of the motion itself unexplained means nothing.
 EXPLAINED, _FOLLOWED = 5.0, 0.1
+# Of a robust loss, the part of the residuals that must be noise: the others may be outliers.
+MOST = 0.7
 
 
 class Fit(NamedTuple):
@@ -69,8 +72,9 @@ class Residuals:
         white: whether they are independent, as noise is; None where they are below the accuracy that a recording is
             believed to have: too small to judge.
         correlation: of neighbouring samples.
-        times_noise: `rms` over the noise that the quickest changes show, which no model explains.
-        unexplained: `rms` over that of the motion.
+        times_noise: `rms` over the noise that the quickest changes show, which no model explains; of a robust loss, if
+            they are white, in place of `rms` that of normal noise with the size of seven tenths of them.
+        unexplained: the same over the motion.
     """
 
     topic: str
@@ -136,10 +140,19 @@ def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> lis
         beneath = float(np.sqrt(np.mean(np.square(told)))) if told else 0.0
         motion = np.sqrt(np.mean([_motion(each) ** 2 for each, _ in mine]))
         # Without a motion, and of too few samples, there is nothing to judge by.
-        times, share = (float(rms / of) if of > 0.0 else 0.0 for of in (beneath, motion))
+        # Outliers are independent; slow residuals are of a fit that lost the motion.
+        size = level(every, fit.robust is not None and judged, MOST)
+        times, share = (float(size / of) if of > 0.0 else 0.0 for of in (beneath, motion))
         noise = float(np.sqrt(np.average([fit.noise[p.key] ** 2 for p, _ in mine], weights=list(map(len, parts)))))
         found.append(Residuals(topic, kind, UNITS[kind], len(every), rms, noise, white, correlation, times, share))
     return found
+
+
+def level(left: Array, robust: bool, part: float = 0.5) -> float:
+    """Return the root mean square of residuals; of a robust loss that of normal noise with the size of this part."""
+    if not robust:
+        return _rms(left)
+    return float(np.quantile(np.abs(left), part)) / NormalDist().inv_cdf(0.5 + 0.5 * part)
 
 
 def _rms(rows: Array) -> float:

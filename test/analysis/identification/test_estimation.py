@@ -226,3 +226,20 @@ def test_outliers_leave_a_robust_fit_known(loss: str) -> None:
         for axis, place in zip(AXES, PLACES, strict=True):
             each = told[f"inertia.{axis}"]
             assert abs(each.value - body.inertia[place[0]][place[1]]) < 4.0 * float(each.standard_error or 0.0)
+
+
+def test_outliers_beyond_the_motion_leave_a_robust_fit_known() -> None:
+    """Their squares alone were more than a tenth of the motion, as if the fit had missed it: nothing was known."""
+    random = np.random.default_rng(1)
+    body = random_body(random)
+    flight = flown(body, random, seconds=3.0, rate=100.0, torque=1.0)
+    (gyro,) = flight.streams
+    values = gyro.values.copy()
+    # More than may be spikes, which are left out.
+    values[7::15] += 10.0 * np.abs(values).max() * random.choice([-1.0, 1.0], values[7::15].shape)
+    found = identify(guess(body), [replace(flight, streams=(replace(gyro, values=values),))], ["inertia"], loss="huber")
+    assert found.explained
+    for axis, place in zip(AXES, PLACES, strict=True):
+        each = next(number for number in found.parameters if number.name == f"inertia.{axis}")
+        assert each.known
+        assert abs(each.value - body.inertia[place[0]][place[1]]) < 4.0 * float(each.standard_error or 0.0)
