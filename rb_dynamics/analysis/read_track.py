@@ -997,6 +997,9 @@ def _steps(
     stamped = bag.topics[topic].stamps_given
     times = np.array([wrench.stamp_ns if stamped else log_time for log_time, wrench in commands], dtype=np.int64)
     times = times if stamped else line.stamps(times)
+    if bag.topics[topic].stamped and len(times) == 1 and 0 < times[0] <= APART_NS and RUN not in bag.metadata:
+        # At the beginning of a simulation the stamp of 0 of a single command is one.
+        times = np.array([commands[0][1].stamp_ns], dtype=np.int64)
     moved = np.empty(0, np.int64)
     logged = np.array([log_time for log_time, _ in commands], dtype=np.int64)
     if stamped and RUN not in bag.metadata:

@@ -232,9 +232,7 @@ class _Recording:
         """How its log times follow the stamps of its motion, or of what else has some."""
         if self.known is not None or self.ours:
             return self.known or ClockLine()
-        of_motion = max((motion for motion, _ in self.clocks), default=False)
-        lines = [clock.line for (motion, _), clock in self.clocks.items() if motion == of_motion]
-        line = min(lines, key=lambda each: abs(each.behind_ns), default=None)
+        line = self._of_others
         if not self.count or self.by_log:
             return self._unless_one(line or self.beside or ClockLine())
         # Of commands that come in bursts, no delay is as little as those of a motion that comes steadily.
@@ -246,6 +244,13 @@ class _Recording:
                 return self._unless_one(line)
         found = () if self.uneven else (self.behind_ns, None if self.partly_unset else self.unset_ns)
         return self._unless_one(ClockLine(behind_ns=_first(*found) or 0))
+
+    @property
+    def _of_others(self) -> ClockLine | None:
+        """How its log times follow the stamps of its motion, or of what else has some; None without any."""
+        of_motion = max((motion for motion, _ in self.clocks), default=False)
+        lines = [clock.line for (motion, _), clock in self.clocks.items() if motion == of_motion]
+        return min(lines, key=lambda each: abs(each.behind_ns), default=None)
 
     @staticmethod
     def _unless_one(line: ClockLine) -> ClockLine:
@@ -344,9 +349,11 @@ class _Recording:
 
     @property
     def unstamped(self) -> bool:
-        """Whether stamps do not show the time although log times do."""
-        stamps, log_times = self.stamps, self.log_times
-        return stamps.first_ns == stamps.last_ns == 0 and log_times.first_ns != log_times.last_ns
+        """Whether stamps do not show the time although log times do; of one command, beside other stamps."""
+        first_ns, last_ns, line = self.log_times.first_ns, self.log_times.last_ns, self._of_others
+        if first_ns is None or not self.stamps.first_ns == self.stamps.last_ns == 0:
+            return False
+        return first_ns != last_ns or (line is not None and abs(line.stamp(first_ns)) > APART_NS)
 
     def reaches(self, end_ns: float, margin_ns: int = 0) -> bool:
         """Whether commands lie from 0 to before `end_ns` of their clock, or `margin_ns` later; or there are none."""
@@ -428,7 +435,7 @@ class RecordedWrenches:
             self._begin(start)
         else:
             self.notes += (
-                f"{bag.path}: its commands have no stamps, so all {bag.count} act at once, at time 0; --wrench-start "
+                f"{bag.path}: its commands have no stamps, so all of them ({bag.count}) act at time 0; --wrench-start "
                 "bag lets each act at its log time"
                 for bag in self._bags
                 if bag.unstamped

@@ -17,7 +17,7 @@ from rb_dynamics.study.compare import compare
 
 SECOND = 10**9
 WALL_NS = 1_700_000_000 * SECOND
-POSE = "geometry_msgs/msg/PoseStamped"
+POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
 
 
 def commands(log_ns: int, stamps: list[int | None], zero_ns: int = 0) -> list[Row]:
@@ -57,6 +57,23 @@ def test_log_times_of_another_clock_are_put_on_that_of_the_stamps(tmp_path: Path
     assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], start="stamp")] == times
     (seen,) = read_track(read_bag(bag)).wrenches
     assert seen.time_ns.tolist() == times
+
+
+@pytest.mark.parametrize("late_ns", [20_000, 5 * SECOND])
+@pytest.mark.parametrize("zero_ns", [0, WALL_NS])
+def test_a_single_one_beside_the_motion_acts_when_it_was_recorded(tmp_path: Path, zero_ns: int, late_ns: int) -> None:
+    """As of `ros2 topic pub --once`: it acted at time 0, without a word. Just after 0 of a simulation, 0 is a stamp."""
+    rows: list[Row] = [
+        ("/twist", TWIST, zero_ns + at, cdr.encode(TWIST, zero_ns + at, "body", (0.0,) * 6))
+        for at in range(0, 10 * SECOND, SECOND // 10)
+    ]
+    rows.append(("/wrench", STAMPED, zero_ns + late_ns, stamped(0, 1.0)))
+    bag, as_stamped = write_rows(tmp_path / "a.mcap", rows), zero_ns == 0 and late_ns < SECOND
+    flown = RecordedWrenches([bag], ["wrench"], 20 * SECOND, start="auto")
+    assert [wrench.stamp_ns for _, wrench in flown] == [0 if as_stamped else late_ns]
+    assert any("its commands have no stamps" in note for note in flown.notes) is not as_stamped
+    (seen,) = read_track(read_bag(bag)).wrenches
+    assert seen.time_ns.tolist() == [0 if as_stamped else zero_ns + late_ns]
 
 
 def test_where_the_clock_begins_at_0_the_first_stamps_of_0_are_stamps(tmp_path: Path) -> None:

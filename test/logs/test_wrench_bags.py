@@ -214,7 +214,7 @@ def test_commands_without_stamps_go_by_their_log_times(tmp_path: Path) -> None:
     assert "have no stamps" in found.notes[0]
     by_stamps = RecordedWrenches([bag], ["wrench"], 10 * SECOND, start="stamp")
     assert [wrench.stamp_ns for _, wrench in by_stamps] == [0, 0, 0]
-    assert "so all 3 act at once, at time 0; --wrench-start bag" in by_stamps.notes[0]
+    assert "so all of them (3) act at time 0; --wrench-start bag" in by_stamps.notes[0]
     assert [wrench.stamp_ns for _, wrench in RecordedWrenches([bag], ["wrench"], start="stamp")] == [0, 0, 0]
 
 
