@@ -158,7 +158,11 @@ def verdict(found: Comparison) -> str:
         bits = f"the same to the last bit at every sample compared ({found.samples})"
     elif all(each.first_recorded_ns is None for each in _motion(found)):
         larger = [each.name for each in _motion(found) if not each.explained]
-        size = f"by more than interpolation adds in {_each(larger)}" if larger else "by no more than interpolation adds"
+        size = (
+            f"by more than interpolation is estimated to add in {_each(larger)}"
+            if larger
+            else "by no more than interpolation adds"
+        )
         bits = f"the motions differ at interpolated samples only, {size}"
     else:
         bits = f"the motions differ from t = {found.seconds(first):.9g} s on"
