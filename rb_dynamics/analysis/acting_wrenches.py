@@ -127,6 +127,11 @@ def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
     )
 
 
+def is_constant(schedule: Sequence[tuple[float, Wrench]]) -> bool:
+    """Return whether a schedule holds one wrench all the time, whenever the run began."""
+    return len(schedule) == 1 and schedule[0][0] <= 0.0
+
+
 def _scheduled(
     name: str, entries: Sequence[tuple[float, Wrench]], scene: Scene, zero_ns: int, whole: bool
 ) -> RecordedWrench:
@@ -143,7 +148,7 @@ def _scheduled(
         frames=tuple(sorted({wrench.frame_id for _, wrench in entries})),
         weight=name.rstrip("_0123456789") == f"effects/{UniformGravity.kind}",
     )
-    if whole or (len(entries) == 1 and entries[0][0] <= 0.0):
+    if whole or is_constant(entries):
         return found
     always = found.without([(_LONG_BEFORE_NS, zero_ns)])
     return replace(always, known=np.zeros(len(always.time_ns), dtype=bool))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.acting_wrenches import channels_of, timed_out, which_channel
+from rb_dynamics.analysis.acting_wrenches import channels_of, is_constant, timed_out, which_channel
 from rb_dynamics.analysis.checks import losses
 from rb_dynamics.analysis.clocks import APART, leaps, remarks
 from rb_dynamics.analysis.continuity import continuity, contradictions, jumps_told, overlaps
@@ -22,7 +22,7 @@ from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, 
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
-from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss
+from rb_dynamics.formats.log_metadata import RUN, TOPICS, loss, part_ns
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench_channels import Channel
@@ -469,6 +469,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
             f"{path}: {'; '.join(track.faults)}; cut it to before or after that, with convert --from or --to"
         )
     _require_one_clock(track)
+    _require_begin(bag, scene)
     # In a log of this package times count from that of its run, whichever samples of a sensor were lost.
     zero = 0 if logged else track.span_ns[0]
     for each in track.motion:
@@ -556,6 +557,20 @@ def _jumps(track: Track, kinds: Set[str], zero: int) -> list[str]:
     found = [jump for jump in steady.jumps if (ATTITUDE if jump.turns else POSITION) in kinds]
     told = f"{track.pose.topic} jumps, as no body moves: {jumps_told(found, zero)}; cut the recording there"
     return [told] if found else []
+
+
+def _require_begin(bag: Bag, scene: Scene) -> None:
+    """Refuse a part of a recording for a scene whose wrenches are scheduled: it does not say when the run began.
+
+    Raises:
+        LogError: it is such a part.
+    """
+    scheduled = [name for name, schedule in scene.combined_effects.schedules() if not is_constant(schedule)]
+    if scheduled and part_ns(bag.metadata) is not None:
+        raise LogError(
+            f"{bag.path}: found a part of a recording, which does not say when the schedule of {', '.join(scheduled)} "
+            "began, expected the whole; give the recording that it was cut from"
+        )
 
 
 def _require_one_clock(track: Track) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,6 +49,7 @@ from rb_dynamics.analysis.summary import EXPLAINS, summarize
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED
+from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.logs.bag_reader import Bag, Topic, read_bag
 from rb_dynamics.numerics.rotation_arrays import product, rotate_all_inverse
@@ -801,3 +803,18 @@ def test_many_holes_without_commands_do_not_make_as_many_pieces() -> None:
     for k in range(25):
         made = with_hole(made, 5.0 * k + 1.0, 5.0 * k + 2.0, commands=False)
     assert len(made.pieces()) == 21
+
+
+def test_a_part_of_a_recording_does_not_say_when_a_schedule_began(tmp_path: Path) -> None:
+    """It was taken to begin with the part: no torque explained the motion."""
+    schedule = "[{time: 0, torque: [0.02, 0, 0]}, {time: 0.5, torque: [0, 0.03, 0]}]"
+    body = "body: {mass: 2, inertia: {diagonal: [0.2, 0.3, 0.4]}}\nwrenches: []\nduration: 3\noutput_rate: 50\n"
+    scene = parse_scene(f"{body}effects: [{{type: scheduled_wrench, schedule: {schedule}}}]\n")
+    log, part = tmp_path / "log.mcap", tmp_path / "part.mcap"
+    simulate(scene, [], [McapSink(log)])
+    merge([log], part, (10**9, math.inf))
+    assert read_flight(str(log), scene)
+    with pytest.raises(LogError, match=r"does not say when the schedule of effects/scheduled_wrench began"):
+        read_flight(str(part), scene)
+    always = parse_scene(f"{body}effects: [{{type: uniform_gravity, acceleration_world: [0, 0, -1]}}]\n")
+    assert read_flight(str(part), always)
