@@ -96,7 +96,7 @@ def inspect(
 _KEPT: dict[type, tuple[str, ...]] = {
     Balance: ("name", "unit", "worst", "worst_ns", "relative", "covered", "scale", "basis"),
     Residual: (
-        *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "unit"),
+        *("relative", "best", "inertia", "scaled", "mass", "mass_error", "mass_explained", "mass_untold", "unit"),
         *("explained", "explainable", "noise", "unseen", "bias", "moment_errors", "untold", "fitted_ns"),
     ),
     ActuatorUse: ("name", "kind", "unit", "commands", "largest", "limited", "rejected"),

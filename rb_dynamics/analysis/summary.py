@@ -26,7 +26,7 @@ from rb_dynamics.analysis.own_log_consistency import self_consistency
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements
 from rb_dynamics.analysis.read_track import SENSED, mean_rate
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track, sizes_of
-from rb_dynamics.analysis.unexplained_wrench import Residual, residual
+from rb_dynamics.analysis.unexplained_wrench import Residual, late_impulse, residual, times_unknown
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
 from rb_dynamics.formats.log_metadata import EPOCH, RESULT, RUN, TOPICS
 from rb_dynamics.formats.message_types import ACCELERATION, DIAGNOSTICS, SCALAR, TRANSFORMS, VECTOR
@@ -42,6 +42,8 @@ EXPLAINS, MASS_EXPLAINS = "inertia explains the motion", "mass explains the moti
 POINTING = "angle from the target"
 # |norm - 1| of a quaternion beyond which it was not filled in; single precision leaves 1e-7.
 _NO_ATTITUDE = 1e-3
+# How much more than the root mean square at its end the errors of many commands may leave somewhere along a path.
+_ALONG_PATH = 2.0
 HALF = 0.5
 """A check that covers less than this fraction of the run is reported with a reservation."""
 
@@ -180,8 +182,8 @@ class RunSummary:
         """Reservation of a "passed": the checks that cover less than half of the run; "" for none."""
         checked = [check for check in self.checks if check.judged and check.share < HALF]
         told = "".join(f", the {check.name} over {100.0 * check.share:.3g} % of the run" for check in checked)
-        unknown = any(check.name == EXPLAINS and not check.judged for check in self.checks)
-        return told + "; whether the inertia explains the motion is not judged" * unknown
+        unknown = [check.name for check in self.checks if check.name in (EXPLAINS, MASS_EXPLAINS) and not check.judged]
+        return told + "".join(f"; whether the {name} is not judged" for name in unknown)
 
     def balance(self, name: str) -> Balance | None:
         """Return the balance of "energy", "angular momentum" or "linear momentum"; None if unknown."""
@@ -218,6 +220,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
     elif left is not None and left.mistimed:
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
+    found = tuple(_unless_mistimed(track, each, bound) for each in found)
     channels = tuple(_channels(track, None if bag.begins_later else health))
     return RunSummary(
         path=str(bag.path),
@@ -280,6 +283,14 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
     return "the pose jumps" if steady is not None and steady.jumps else ""
 
 
+def _unless_mistimed(track: Track, balance: Balance, bound: float) -> Balance:
+    """Return a balance of linear momentum as unknown if errors of the times of commands may leave all that is left."""
+    failed = balance.name == "linear momentum" and not balanced(track, balance, bound).passed
+    if failed and balance.worst <= _ALONG_PATH * late_impulse(track, "force"):
+        return _unknown(balance, f"{times_unknown(track)} would explain what is left as well")
+    return balance
+
+
 def _unknown(balance: Balance, reason: str) -> Balance:
     """Return an unknown balance with this reason."""
     unknown = [np.full_like(rows, np.nan) for rows in balance.blocks()]
@@ -328,6 +339,8 @@ def _explained(left: Residual | None) -> list[Check]:
 
 def _by_mass(left: Residual) -> list[Check]:
     told = left.mass_words
+    if left.mass_untold:
+        return [Check(MASS_EXPLAINS, True, f"not judged; {told}", judged=False, share=0.0)]
     return [Check(MASS_EXPLAINS, left.mass_explained, told)] if told else []
 
 

@@ -109,7 +109,8 @@ class Residual:
         scaled: whether a torque determines the scale.
         mass: the mass that fits best, kg; None if no force determines it, or no inertia explains the motion.
         mass_error: its standard error, kg.
-        mass_explained: whether the given mass explains the motion as well.
+        mass_explained: whether the given mass explains the motion as well, or may do so.
+        mass_untold: why nothing can be said about the given mass, although another fits better; "" if something can.
         given_mass: kg.
         unit: of the positions, if only with that a mass fits; "" for m.
         explained: whether the given inertia leaves at most `bound`, or only noise.
@@ -141,6 +142,7 @@ class Residual:
     mass: float | None
     mass_error: float
     mass_explained: bool
+    mass_untold: str
     given_mass: float
     unit: str
     explained: bool
@@ -172,6 +174,8 @@ class Residual:
         told = f"the forces fit a mass of {self.mass:.{decimals}f} ± {self.mass_error:.2g} kg best"
         if self.unit:
             return f"{told} if positions are in {self.unit}; with those in m no mass fits"
+        if self.mass_untold:
+            return f"{told} at the times as recorded, but {self.mass_untold}"
         return ", ".join(filter(None, (told, doubt_of_mass(self.mass, self.given_mass))))
 
     @property
@@ -275,15 +279,15 @@ def residual(track: Track, bound: float) -> Residual | None:
     unseen = (np.inf, np.inf, np.inf) if found is None else found.unseen
     pieces = None if changes or found is None else found.torque
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
-    unknown_times = "" if explained else _times_unknown(track)
-    mistimed = bool(unknown_times) and _mistimed(track, body, moving, found, beyond_noise if direct else np.inf)
+    unknown_times = times_unknown(track)
+    doubtful = bool(unknown_times) and not explained
+    mistimed = doubtful and _mistimed(track, body, moving, found, beyond_noise if direct else np.inf)
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
     mass = fitted_mass(track, turned, moving, not explained) if explained or other is not None else None
-    mass = _unless_mistimed(
-        mass or FittedMass(None, np.inf, True), track, body.mass, _rms(centred(moved.speed, stretch))
-    )
+    mass = mass or FittedMass(None, np.inf, True)
+    mass_mistimed = _mass_mistimed(mass, track, body.mass, _rms(centred(moved.speed, stretch)))
     caused = (changes and blamed) or bias is not None or other is not None
     return Residual(
         **wrench,
@@ -294,7 +298,8 @@ def residual(track: Track, bound: float) -> Residual | None:
         scaled=found is not None and (found if other is None else other).scaled,
         mass=mass.value,
         mass_error=mass.error,
-        mass_explained=mass.explained,
+        mass_explained=mass.explained or mass_mistimed,
+        mass_untold=f"{unknown_times} would explain the one given as well" if mass_mistimed else "",
         given_mass=body.mass,
         unit=mass.unit,
         explained=explained,
@@ -336,20 +341,20 @@ def _actuated(track: Track) -> str:
     return ", ".join(name for name in bag.actuated if name not in told)
 
 
-def _late_impulse(track: Track, kind: str) -> float:
+def late_impulse(track: Track, kind: str) -> float:
     """Return the impulse of force or torque that is missing where each command acts at a time of its own error."""
     steps = ((each.within_ns, np.diff(getattr(each, kind), axis=0)) for each in track.wrenches)
     return math.sqrt(sum((1e-9 * within_ns) ** 2 * float(np.sum(step**2)) for within_ns, step in steps))
 
 
-def _unless_mistimed(found: FittedMass, track: Track, given: float, speed: float) -> FittedMass:
-    """Return the mass, which explains the motion if errors of the times of commands may leave the difference."""
+def _mass_mistimed(found: FittedMass, track: Track, given: float, speed: float) -> bool:
+    """Return whether errors of the times of commands may be why another mass fits better."""
     if found.explained or found.value is None or found.unit:
-        return found
-    return replace(found, explained=abs(found.value - given) * speed <= _late_impulse(track, "force"))
+        return False
+    return abs(found.value - given) * speed <= late_impulse(track, "force")
 
 
-def _times_unknown(track: Track) -> str:
+def times_unknown(track: Track) -> str:
     """Return why times of commands are not known, as text; "" if all are."""
     topics = [track.bag.topics[each.topic] for each in track.wrenches if each.within_ns]
     if not topics:
@@ -375,7 +380,7 @@ def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaS
 
     first = told(found)
     if found is None or first is None:
-        return left <= _late_impulse(track, "torque")
+        return left <= late_impulse(track, "torque")
     for seed in range(_REFITS):
         random = np.random.default_rng(seed)
         acting = []

@@ -13,7 +13,7 @@ from tumbling import Tumble, bag_of, fill
 
 from rb_dynamics import MemorySink, Setpoint, TopicChoice, Wrench, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.summary import summarize
+from rb_dynamics.analysis.summary import MASS_EXPLAINS, summarize
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
@@ -383,6 +383,39 @@ def test_forces_at_rounded_times_accuse_no_mass(bagger: Any) -> None:
     heavier = residual(read_track(bag, scene_of(4.08, TRUE, (0.1, -0.2, 0.05))), 1e-6)
     assert heavier is not None
     assert not heavier.mass_explained
+    # Nor is one that they may hide called right beside the one that fits.
+    unsure = summarize(read_track(bag, scene_of(4.01, TRUE, (0.1, -0.2, 0.05))))
+    found = next(check for check in unsure.checks if check.name == MASS_EXPLAINS)
+    assert (found.passed, found.judged) == (True, False), found.detail
+    assert "would explain the one given as well" in found.detail
+    assert unsure.reservation.endswith("whether the mass explains the motion is not judged")
+
+
+def test_exact_motion_under_forces_at_rounded_times_fails_no_balance(bagger: Any) -> None:
+    """No torque acts, so that the inertia explains all; the forces alone are mistimed."""
+    scene = parse_scene(f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 12\n")
+    random = np.random.default_rng(0)
+    forces = 12.0 * random.standard_normal((25, 3))
+    sent = [
+        ("wrench", Wrench(tuple(force), (0.0, 0.0, 0.0), "world", at))
+        for at, force in zip(np.sort(random.integers(500_000_000, 11_500_000_000, 25)), forces.tolist(), strict=True)
+    ]
+    simulate(scene, sent, [memory := MemorySink()])
+    rows: list[Any] = []
+    for sample in memory.samples:
+        t, pose = sample.time_ns, (*sample.position_world, *sample.orientation_xyzw)
+        turn, speed = np.array([sample.orientation_xyzw]), np.array([sample.linear_velocity_world])
+        spin = (*rotate_all_inverse(turn, speed)[0].tolist(), *sample.angular_velocity_body)
+        rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", pose)))
+        rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", spin)))
+    for _, wrench in sent:
+        at = round(int(wrench.stamp_ns), -6)
+        rows.append(("/b/wrench", "geometry_msgs/msg/WrenchStamped", at, (at, "world", (*wrench.force, 0.0, 0.0, 0.0))))
+    found = summarize(read_track(read_bag(bagger(rows)), scene))
+    assert found.passed, [check for check in found.checks if not check.passed]
+    moved = next(check for check in found.checks if check.name == "linear momentum balance")
+    assert not moved.judged
+    assert "rounded or stray" in moved.detail
 
 
 def test_the_error_of_a_mass_contains_that_of_the_inertia_found_beside_it(bagger: Any) -> None:
