@@ -35,6 +35,7 @@ from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
 from rb_dynamics.numerics.argument_checks import number, shown
 from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.model import Scene
+from rb_dynamics.scene.read import parse_scene, with_true_text
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 Source: TypeAlias = "Scene | str | os.PathLike[str]"
@@ -223,7 +224,11 @@ class _Flights:
                     f"{scene.source} has no duration and {bag.path} no motion, expected one of them; write duration "
                     "in the scene"
                 )
-            scene = replace(scene, duration=length * 1e-9, text="")
+            if with_true_text(scene) is scene:
+                # With its text, the log of the flight says how the channels of the scene act.
+                scene = parse_scene(scene.text, scene.source, {"duration": length * 1e-9})
+            else:
+                scene = replace(scene, duration=length * 1e-9, text="")
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "flight.mcap"
             if commands is None:
@@ -266,7 +271,8 @@ class _Flights:
             self.notes.append(f"{bag.path} has no commands: {scene.source} is simulated without any.")
             return None
         channels = WrenchChannels(scene.channels, scene.frames, body=scene.body)
-        end_ns = float("inf") if scene.end_ns is None else scene.end_ns
+        # Of a scene without an end, stamps beyond that are those of another clock.
+        end_ns = FAR_NS if scene.end_ns is None else scene.end_ns
         commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, scene.actuators)
         commands.require_some(continues=scene.past is not None)
         return commands

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
 from collections.abc import Callable
 from dataclasses import replace
@@ -670,7 +671,10 @@ def test_commands_of_a_bag_are_compared_as_the_scene_lets_them_act(tmp_path: Pat
     flown = tmp_path / "flown.mcap"
     rb.simulate(scene, COMMANDS, [McapSink(flown)])
     bag = foreign(tmp_path / "bag.mcap", flown, later_ns=LATER, commands=bag_commands())
-    for pair in ((scene, bag), (bag, scene), (flown, bag)):
+    # As that of a node, which runs until it is stopped.
+    endless = rb.parse_scene(re.sub("(?m)^duration.*$", "", scene.text))
+    assert endless.duration is None
+    for pair in ((scene, bag), (bag, scene), (flown, bag), (endless, bag)):
         found = rb.compare(*pair)
         assert found.commands == []
     push = bag_commands()
