@@ -32,6 +32,7 @@ from rb_dynamics.formats.log_metadata import (
     loss,
     missing_pieces,
     next_file,
+    part_ns,
     unlogged,
     unlogged_key,
 )
@@ -111,6 +112,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
         told = _told(sources)
         if span_ns[0] > -math.inf and begin_ns is not None:
             told[PART_NS] = f"{begin_ns} {end_ns}"
+        elif any(part_ns(source.metadata) for source in sources):
+            told[PART_NS] = _of_parts(sources, spans, span_ns[1])
         since_ns = min((message.log_time for _, message in held), default=span_ns[0])
         pieces = [(a, b) for a, b in _missing(sources, spans) if since_ns <= b and a <= span_ns[1]]
         missing = {"reason": DAMAGED, "missing_ns": ", ".join(f"{a} {b}" for a, b in pieces)}
@@ -134,6 +137,16 @@ def _told(sources: Sequence[Source]) -> dict[str, str]:
             told[unlogged_key(topic)] = effects
         told |= {key: text for key, text in source.metadata.get(MERGED, {}).items() if key.startswith(UNLOGGED)}
     return told
+
+
+def _of_parts(sources: Sequence[Source], spans: Mapping[str, Mapping[int, tuple[int, int]]], until_ns: float) -> str:
+    """Return first and last log time of bags of which some are parts, without what these hold from before."""
+    logged: dict[int, list[int]] = {}
+    for each in spans.values():
+        for number, ends in each.items():
+            logged.setdefault(number, []).extend(ends)
+    found = [part_ns(sources[number].metadata) or (min(times), max(times)) for number, times in logged.items()]
+    return f"{min(begin for begin, _ in found)} {int(min(until_ns, max(end for _, end in found)))}"
 
 
 def _by_log_time(sources: Sequence[Source]) -> Iterator[_Numbered]:

@@ -70,6 +70,21 @@ def test_a_part_keeps_the_fixed_transforms_and_the_wrench_that_is_held(tmp_path:
     assert merge([late, bag], tmp_path / "two.mcap", (0, 1 * SECOND)).messages == 3
 
 
+def test_parts_that_are_merged_again_begin_after_what_they_hold_from_before(tmp_path: Path) -> None:
+    """The motion "began late" in an innocent recording, and simulate began with a command that was held."""
+    bag = write_bag(tmp_path / "bag", wrenches("/a", range(0, 30, 3)))
+    parts = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    for part, span_s in zip(parts, ((4, 10), (13, 20)), strict=True):
+        merge([bag], part, (span_s[0] * SECOND, span_s[1] * SECOND))
+    for order in (parts, parts[::-1]):
+        merge(order, tmp_path / "again.mcap", ALL)
+        assert read_bag(tmp_path / "again.mcap").cut_ns == (6 * SECOND, 18 * SECOND)
+    merge(parts[:1], tmp_path / "again.mcap", (-math.inf, 8 * SECOND))
+    assert read_bag(tmp_path / "again.mcap").cut_ns == (6 * SECOND, 8 * SECOND)
+    merge([bag, parts[1]], tmp_path / "again.mcap", ALL)
+    assert read_bag(tmp_path / "again.mcap").cut_ns == (0, 27 * SECOND)
+
+
 def test_a_part_knows_what_actuators_do_that_were_commanded_before_it(tmp_path: Path) -> None:
     """A thruster that was on seemed to be off, and inspect then found a torque that nobody commanded."""
     body = "{mass: 12, inertia: {diagonal: [0.9, 1.2, 1.6]}, frames: {jet: {position: [0.3, 0.1, 0]}}}"
