@@ -71,7 +71,7 @@ def log_sinks(args: argparse.Namespace) -> list[GuardedSink]:
     written = [*filter(None, (args.mcap, args.bag, args.rerun, args.html, *targets))]
     require_apart(written)
     for name in written:
-        require_other(name, *filter(None, (args.scene, *args.wrench)))
+        require_other(name, *filter(None, (args.scene, args.covariance, *args.wrench)))
     logged = any((args.mcap, args.bag, args.rerun, args.sink))
     for option, is_given in (("--flush", args.flush is not None), ("--accel", args.accel), ("--verify", args.verify)):
         require_with(args, option, is_given, "a log (--mcap, --bag or --rerun)", logged)

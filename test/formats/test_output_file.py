@@ -101,6 +101,17 @@ def test_what_is_read_is_refused_under_any_name(tmp_path: Path) -> None:
         require_other(target, bag)
 
 
+def test_standard_deviations_are_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "s.yaml").write_text("body: {mass: 1}\nduration: 1\n")
+    sigmas = tmp_path / "sigmas.yaml"
+    sigmas.write_text("mass: 0.1\n")
+    for option in ("--html", "--mcap"):
+        arguments = ["simulate", str(tmp_path / "s.yaml"), "--covariance", str(sigmas), option, str(sigmas)]
+        assert main(arguments) == 2
+        assert "is, or holds, what is read" in capsys.readouterr().err
+    assert sigmas.read_text() == "mass: 0.1\n"
+
+
 def test_earlier_logs_are_kept_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     assert move_aside(path) is None

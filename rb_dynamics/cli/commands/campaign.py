@@ -76,9 +76,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from rb_dynamics.cli.output import prepare
+    from rb_dynamics.study.campaign.read import files_of
     from rb_dynamics.study.campaign.store import Store
 
-    prepare([args.html])
+    prepare(map(str, (out, out.with_suffix(".json"), _page(args, out))), *files_of(campaign))
     with contextlib.closing(Store(out, campaign, args.overwrite)) as store:
         return _fly(args, campaign, store)
 
@@ -131,18 +132,22 @@ def _options(args: argparse.Namespace) -> list[str]:
     return [*words, *(word for each in args.set for word in ("--set", each))]
 
 
+def _page(args: argparse.Namespace, out: Path) -> Path:
+    from pathlib import Path
+
+    return Path(args.html) if args.html else out.with_suffix(".html")
+
+
 def _write_page(
     args: argparse.Namespace, campaign: Campaign, rows: Columns, out: Path, summary: CampaignSummary
 ) -> Path | None:
     """Write the page; unless it was requested, missing libraries are only a note."""
-    from pathlib import Path
-
     from rb_dynamics.cli.output import note
     from rb_dynamics.errors import MissingExtraError
     from rb_dynamics.report.campaign_page import campaign_report
     from rb_dynamics.report.html import write_html
 
-    page = Path(args.html) if args.html else out.with_suffix(".html")
+    page = _page(args, out)
     try:
         write_html(page, campaign_report(campaign, rows, _options(args), summary))
     except MissingExtraError as error:
@@ -156,10 +161,12 @@ def _write_page(
 def _run_again(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from pathlib import Path
 
-    from rb_dynamics.cli.output import note, show
+    from rb_dynamics.cli.output import note, prepare, show
+    from rb_dynamics.study.campaign.read import files_of
     from rb_dynamics.study.campaign.repeated_run import rerun
 
     log = Path(args.mcap or out.with_name(f"{out.stem}-{args.rerun}.mcap"))
+    prepare([str(log)], str(out), *files_of(campaign))
     found = rerun(campaign, args.rerun, log, out)
     show(args, found.as_dict, found.as_text)
     if found.row is None:

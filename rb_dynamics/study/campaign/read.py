@@ -12,6 +12,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from types import MappingProxyType
+from typing import cast
 
 from rb_dynamics.errors import SceneError, did_you_mean
 from rb_dynamics.formats.yaml import document
@@ -128,6 +129,14 @@ def parse_campaign(text: str, source: str = "<campaign>", overrides: Mapping[str
         except SceneError as error:
             raise SceneError(f"{source}: control.law: {error}") from error
     return campaign
+
+
+def files_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the files that `campaign` was read from: its own, its scene, and the modules beside it."""
+    tree = document.plain(document.parse(campaign.text, Problems(campaign.source)))
+    scene = str(cast("dict[str, object]", tree)["scene"])
+    beside = (each.file for each in campaign.modules.beside)
+    return campaign.source, os.path.join(os.path.dirname(campaign.source), scene), *beside
 
 
 def _base(root: Section, controlled: bool, problems: Problems) -> Scene | None:

@@ -345,6 +345,21 @@ def test_one_process_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert out.read_bytes() == fly(campaign, tmp_path / "whole.parquet")
 
 
+def test_no_output_replaces_an_input_or_another_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign, out = write(tmp_path), tmp_path / "rows.parquet"
+    scene = tmp_path / "scene.yaml"
+    before = campaign.read_text(), scene.read_text()
+    arguments = ["campaign", str(campaign), "--out", str(out), "--workers", "0"]
+    for read in (campaign, scene):
+        for more in (["--html", str(read)], ["--rerun", "0", "--mcap", str(read)]):
+            assert main([*arguments, *more]) == 2
+            assert "is, or holds, what is read" in capsys.readouterr().err
+    assert (campaign.read_text(), scene.read_text()) == before
+    for page in (out, out.with_suffix(".json")):
+        assert main([*arguments, "--html", str(page)]) == 2
+        assert "more than once, expected a file of its own" in capsys.readouterr().err
+
+
 def test_a_store_that_is_held_here(tmp_path: Path) -> None:
     read = read_campaign(write(tmp_path))
     held = Store(tmp_path / "rows.parquet", read)
