@@ -125,15 +125,17 @@ def _run(arguments: Sequence[str]) -> int:
 class _WhileRead:
     """A stream that drops what is printed once the reader of a pipe has gone (`| head`): the exit code stays true.
 
-    Output that is lost to a full disk is an error.
+    Output that is lost to a full disk is an error. Characters that it lacks, as of a file name that is no UTF-8, are
+    escaped.
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
+        encoding = self._stream.encoding or "utf-8"
         try:
-            return self._stream.write(text)
+            return self._stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
         except OSError as error:
             self._give_up(error)
             return len(text)

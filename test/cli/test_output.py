@@ -29,6 +29,16 @@ def test_a_terminal_that_lacks_a_character_shows_its_escape(monkeypatch: pytest.
     assert stream.buffer.getvalue() == b"1 \\xb1 2\n"
 
 
+def test_the_name_of_a_file_that_is_no_utf_8_is_shown_escaped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "s.yaml").write_text("body: {mass: 1}\nduration: 1\n")
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    monkeypatch.setattr("sys.stdout", stream)
+
+    assert main(["simulate", str(tmp_path / "s.yaml"), "--mcap", str(tmp_path / "\udcff.mcap")]) == 0
+
+    assert b"\\udcff.mcap" in stream.buffer.getvalue()
+
+
 def test_folders_are_made_for_files_and_not_for_viewers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
