@@ -91,6 +91,8 @@ def parse_urdf(data: bytes, link: str, source: str = "<urdf>") -> Inertial:
         BodyError: as `read_urdf`.
     """
     root = _parse(data, source)
+    if any(each.tag.startswith("{") and "xacro" in each.tag.partition("}")[0] for each in root.iter()):
+        raise BodyError(f"{source}: found elements of xacro, which may add links, expected URDF; run xacro on it first")
     links = _links(root, source)
     poses = _fixed(root, links, _link(links, link, source), source)
     heavy = [name for name in poses if _has_mass(links[name])]
@@ -240,10 +242,12 @@ def _fixed(
     joints: dict[str, list[tuple[str, ElementTree.Element, bool]]] = {name: [] for name in links}
     for joint in root.findall("joint"):
         ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+        kind, place = joint.get("type", ""), f"{source}: joint {joint.get('name', '')[:60]!r}"
+        if kind != "fixed" and kind.strip().lower() in ("", "fixed"):
+            raise BodyError(f"{place} is of type {kind!r}, expected 'fixed', or that of a joint that gives; correct it")
         # Links that are fixed to the world do not move with the others.
-        if joint.get("type") != "fixed" or _WORLD in ends:
+        if kind != "fixed" or _WORLD in ends:
             continue
-        place = f"{source}: joint {joint.get('name', '')[:60]!r}"
         if len(ends) != 2 or not all(end in links for end in ends):
             raise BodyError(
                 f"{place} joins {ends}, expected <parent link=> and <child link=> of the file; correct them"

@@ -234,6 +234,15 @@ A, B = link("a", diagonal(1, 1, 1, 1)), link("b", diagonal(1, 1, 1, 1))
         (model(A, link("b", diagonal(-1, 0, 0, 0)), fixed("a", "b")), "link 'b': mass is -1"),
         (model(A, link("b", diagonal(1, 1, 1, 3)), fixed("a", "b")), "link 'b': .*1 < 3"),
         (model(A, B, fixed("a", "b", '<origin xyz="1e300 0 0"/>')), "link 'a' with what is fixed to it"),
+        (
+            model(A, B, fixed("a", "b").replace("fixed", "Fixed")),
+            "joint 'b_joint' is of type 'Fixed', expected 'fixed'",
+        ),
+        (model(A, B, fixed("a", "b").replace('type="fixed"', "")), "joint 'b_joint' is of type '', expected 'fixed'"),
+        (
+            model(A, '<x:payload xmlns:x="http://www.ros.org/wiki/xacro" parent="a"/>'),
+            "found elements of xacro, which may add links, expected URDF; run xacro on it first",
+        ),
     ],
 )
 def test_fixed_joints_that_are_refused(data: bytes, says: str) -> None:
