@@ -79,7 +79,9 @@ def _run_all(args: argparse.Namespace, campaign: Campaign, out: Path) -> int:
     from rb_dynamics.study.campaign.read import files_of
     from rb_dynamics.study.campaign.store import Store
 
-    prepare(map(str, (out, out.with_suffix(".json"), _page(args, out))), *files_of(campaign))
+    rows, page = [str(out), str(out.with_suffix(".json"))], str(_page(args, out))
+    # The name that was given comes first: nothing is made beside it if it cannot be.
+    prepare([page, *rows] if args.html else [*rows, page], *files_of(campaign))
     with contextlib.closing(Store(out, campaign, args.overwrite)) as store:
         return _fly(args, campaign, store)
 
