@@ -109,6 +109,9 @@ def _run(arguments: Sequence[str]) -> int:
     args = _parsed(parser(), arguments[:split])
     if args is None:
         return 2
+    if "" in arguments[:split]:
+        before = arguments[arguments.index("") - 1]
+        args.parser.error(f"found nothing after {before}, as of a variable that is not set; give a value")
     if arguments[split:] and args.command not in ("node", "replay"):
         args.parser.error(
             f"found --ros-args, which belongs to the commands node and replay, not to {args.command}; leave it out"

@@ -131,3 +131,12 @@ def test_version_is_that_of_the_installed_package(root: Path) -> None:
     told = ElementTree.parse(root / "package.xml").findtext("version")
     assert installed in {told, "not installed"}, "another version than package.xml: run pip install -e . again"
     assert "__version__" in dir(rb_dynamics)
+
+
+def test_an_empty_argument_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of a variable that is not set: no log was written, without a word."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("body: {mass: 1, inertia: {diagonal: [1, 1, 1]}}\nduration: 0.1\n")
+    with pytest.raises(SystemExit, match="2"):
+        main(["simulate", str(scene), "--mcap", ""])
+    assert "found nothing after --mcap, as of a variable that is not set" in capsys.readouterr().err
