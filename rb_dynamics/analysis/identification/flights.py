@@ -87,11 +87,13 @@ class WrenchSeries:
         time_ns: ascending, from time 0 of the run.
         held: (k, 15), force and torque in body axes, force and torque in world axes, about the centre of mass of the
             scene; and the force in body axes that acts at a point of the body: its torque depends on that centre.
+        within_ns: how far off the times may be, each by itself, as in `RecordedWrench`.
     """
 
     topic: str
     time_ns: Times
     held: Array
+    within_ns: int = 0
 
     def about(self, moved: Array) -> WrenchSeries:
         """Return the same with torques about a centre of mass that lies elsewhere by `moved`, body axes."""
@@ -776,7 +778,8 @@ def _channel(wrench: RecordedWrench, zero: int, end_ns: int, path: str) -> Wrenc
     times = wrench.time_ns - zero
     if wrench.topic.endswith(APPLIED):
         return WrenchSeries(wrench.topic.removesuffix(APPLIED), times, held)
-    return commanded(wrench.topic, times, held, wrench.channel or Channel())
+    acting = commanded(wrench.topic, times, held, wrench.channel or Channel())
+    return replace(acting, within_ns=wrench.within_ns)
 
 
 def held_rows(wrench: RecordedWrench) -> Array:

@@ -26,6 +26,7 @@ from rb_dynamics.analysis.identification.fit_consistency import (
     predicting,
 )
 from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, read_flight
+from rb_dynamics.analysis.identification.late_commands import late_commands
 from rb_dynamics.analysis.identification.measurement_model import DRAWN, Body, Model, Predicted
 from rb_dynamics.analysis.identification.model_omissions import CHANCE, TOLD, Omission, Trial, best_with, trials
 from rb_dynamics.analysis.identification.multiple_shooting import TURN
@@ -607,7 +608,8 @@ class _Report:
         # What the recordings determine stays determined, with an error that covers what may have moved it.
         self.by_wheels, drawn = self._of_curved_speeds(weighted)
         self.by_noise, spread = noise_of_wheels(model, fit, self.local)
-        self.covariance = self.covariance + spread
+        self.late = late_commands(model, weighted, lambda other: self._misfit(self.z, other)[1])
+        self.covariance = self.covariance + spread + self.late.spread
         for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn, self.by_noise):
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
@@ -760,6 +762,7 @@ class _Report:
                 *([] if self.fit.disturbance is None else [_of_joints(self.fit.disturbance)]),
                 *_notes_of(self.model.flights),
                 *self._of_wheels(),
+                *self._of_times(),
                 *_coloured([each for each in self.residuals if each.explained and each.coloured], self.model.fit),
             ),
             predicted=tuple(self.fit.predicted),
@@ -781,6 +784,19 @@ class _Report:
         told = [(between, self.by_wheels), (noisy, self.by_noise)]
         shifts = [(note, self.shift(self.local @ step)) for note, step in told]
         return [note.format(shift) for note, shift in shifts if _MUCH <= shift < np.inf]
+
+    def _of_times(self) -> list[str]:
+        """Return a remark where much of the errors is that nothing says when exactly commands acted."""
+        values, directions = np.linalg.eigh(self.late.spread)
+        moves = (np.sqrt(np.maximum(values, 0.0)) * directions).T
+        shift = max((self.shift(self.local @ step) for step in moves), default=0.0)
+        topics = sorted({c.topic for flight in self.model.flights for c in flight.channels if c.within_ns})
+        told = (
+            f"times of commands on {', '.join(topics)} are not known exactly, and by what the fit leaves are off by "
+            f"{self.late.seconds:.2g} s (root mean square): much of the errors. The intervals are widened to include "
+            "that; record commands with stamps"
+        )
+        return [told] if _MUCH <= shift < np.inf else []
 
     def _reversed(self) -> list[str]:
         """Return the inertias of rotors that were found negative: their momentum is opposite to that of the scene."""

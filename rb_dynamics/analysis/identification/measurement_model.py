@@ -21,6 +21,7 @@ from rb_dynamics.analysis.identification.flights import (
     VELOCITY,
     Flight,
     Stream,
+    WrenchSeries,
 )
 from rb_dynamics.analysis.identification.parameters import InertiaParameters, Layout, ParameterBlock, rows_of
 from rb_dynamics.analysis.track import Array, Times
@@ -232,6 +233,12 @@ class Model:
         """Return the same with more noise in the speeds of wheels, see `WheelSpeeds.disturbed`; none without wheels."""
         others = (self.with_speeds(methodcaller("disturbed", number)) for number in range(DRAWN))
         return [other for other in others if other is not None]
+
+    def with_commands(self, of: Callable[[WrenchSeries], WrenchSeries]) -> Model:
+        """Return the same, with wrenches that acted otherwise than recorded."""
+        other = copy.copy(self)
+        other.flights = tuple(replace(each, channels=tuple(map(of, each.channels))) for each in self.flights)
+        return other
 
     def with_drawn_speeds(self) -> list[Model]:
         """Return the same with wheels whose speeds are curved at random between samples; none without wheels."""
