@@ -53,7 +53,7 @@ def outcomes_of(
     delay_ns = channel.delay_ns
     begin_ns, last_ns = track.bag.window_ns or (-(2**63), 2**63 - 1)
     came = [(at + delay_ns, wrench) for at, wrench in (track.bag.wrenches(source.name) if source.count else [])]
-    refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench)]
+    refused = [(at, wrench) for at, wrench in came if declared and not _honoured(declared, wrench, channel)]
     honoured = Counter(at for at, _ in came if at >= begin_ns) - Counter(at for at, _ in refused)
     refused = [(at, wrench) for at, wrench in refused if at - delay_ns >= begin_ns]
     acted = Counter(at for at in steps.time_ns.tolist() if at >= begin_ns)
@@ -73,8 +73,8 @@ def outcomes_of(
     def known(times: Counter[int]) -> list[int]:
         return [at for at in sorted(times.elements()) if not any(begin <= at <= end for begin, end in pieces)]
 
-    # Every applied wrench without a command is a timeout, by the format of the log. A command without one was too
-    # large.
+    # Every applied wrench without a command is a timeout, by the format of the log. A command without one was larger
+    # than any solver could follow.
     alone = acted - honoured
     # A scene that continues a run begins with what was held, and with commands that wait for their delay: no drops.
     acts = steps.force.any(axis=1) | steps.torque.any(axis=1)
@@ -90,7 +90,7 @@ def outcomes_of(
         timed_out_ns=drops[0] if drops and not channel.lag else None,
         rejected=None if declared is None else len(refused) + len(too_large),
         undeclared=Counter(
-            sorted(each.frame_id for _, each in refused if declared and not _honoured(declared, _nothing(each)))
+            sorted(one.frame_id for _, one in refused if declared and not _honoured(declared, _nothing(one), channel))
         ),
     )
 
@@ -116,9 +116,10 @@ def _known(track: Track, drops: list[int]) -> bool:
     return not any(gaps(series.time_ns) for series in track.motion)
 
 
-def _honoured(declared: WrenchFrames, wrench: Wrench) -> bool:
+def _honoured(declared: WrenchFrames, wrench: Wrench, channel: Channel) -> bool:
     try:
         declared.hold(wrench)
+        channel.limited(wrench)
     except WrenchError:
         return False
     return True

@@ -41,3 +41,16 @@ def test_a_part_counts_what_came_and_acted_within_it(
     assert (thrust.received, thrust.applied, thrust.timeouts, thrust.rejected) == outcome
     assert any("rejected" in each for each in summary.warnings) == bool(outcome[3])
     assert any("timed out" in each for each in summary.warnings) == bool(outcome[2])
+
+
+@pytest.mark.parametrize(("window_s", "outcome"), [((None, None), (6, 0, 6)), ((0.3, 0.6), (2, 0, 2))])
+def test_a_command_beyond_the_limit_is_rejected_though_it_would_have_acted_after_the_end(
+    window_s: tuple[float | None, float | None], outcome: tuple[int, int, int], tmp_path: Path
+) -> None:
+    """It was counted as one that waits, beside diagnostics that counted it as rejected."""
+    late = Wrench(torque=(0.1, 0.0, 0.0), stamp_ns=2_900_000_000)
+    bounded = SCENE.replace("timeout: 0.35", "delay: 0.3, max_torque: 0.05")
+    flight = fly(tmp_path / "run.mcap", bounded, [*PUSHES, ("thrust", late)])
+    summary = rb.inspect(flight.log, window_s=window_s).summary
+    (thrust,) = (each for each in summary.channels if each.topic == "/thrust")
+    assert (thrust.received, thrust.applied, thrust.rejected) == outcome
