@@ -158,8 +158,10 @@ class SensorErrors:
 
     @property
     def deviation(self) -> Array:
-        """Their standard deviation; NaN of a single one."""
-        return np.asarray(self.errors.std(axis=0)) if self.compared > 1 else np.full(self.errors.shape[1], np.nan)
+        """Their standard deviation, estimated from the sample; NaN of a single one."""
+        if self.compared < 2:
+            return np.full(self.errors.shape[1], np.nan)
+        return np.asarray(self.errors.std(axis=0, ddof=1))
 
 
 @dataclass(frozen=True)

@@ -231,3 +231,15 @@ def test_a_single_sample_has_no_deviation(tmp_path: Path) -> None:
     assert tracker["deviation"] == [None] * 3
     assert None not in tracker["mean"]
     assert re.search(r"standard deviation +unknown +unknown +unknown", as_text(found.summary))
+
+
+def test_the_deviation_of_two_samples_is_an_unbiased_estimate(tmp_path: Path) -> None:
+    """It was that of all there are: 1/√2 of it in the mean of the squares."""
+    scene = SCENE.replace("rate: 10, noise", "rate: 0.08, noise")
+    (tracker,) = (
+        each
+        for each in rb.inspect(fly(tmp_path / "two.mcap", scene, COMMANDS).log).summary.onboard.sensors
+        if each.name == "tracker"
+    )
+    first, second = tracker.errors
+    assert np.allclose(tracker.deviation, np.abs(first - second) / np.sqrt(2))
