@@ -610,7 +610,10 @@ class _Report:
         self.by_noise, spread = noise_of_wheels(model, fit, self.local)
         self.late = late_commands(model, weighted, lambda other: self._misfit(self.z, other)[1])
         self.covariance = self.covariance + spread + self.late.spread
-        for near in (*(np.linalg.solve(self.local, step) for step in moved), self.by_wheels, *drawn, self.by_noise):
+        # Along a direction that is not determined a fit may go far, and take determined numbers along a little.
+        gone = self.unseen @ (self.unseen.T @ np.linalg.solve(self.local, self.z))
+        steps = (np.linalg.solve(self.local, step) for step in moved)
+        for near in (*steps, self.by_wheels, *drawn, self.by_noise, gone):
             self.covariance = self.covariance + np.outer(near, near)
         if not self.follows:
             # The only result is that the scene is not that of the recording: its values stay.

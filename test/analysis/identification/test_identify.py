@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from rb_dynamics import Identification, LogError, MemorySink, RigidBody, SceneError, identify, parse_scene, simulate
 from rb_dynamics.analysis.identification.estimation import fitted
-from rb_dynamics.analysis.identification.flights import ATTITUDE, POSITION, RATES, Flight, Stream
+from rb_dynamics.analysis.identification.flights import ACCELERATION, ATTITUDE, POSITION, RATES, Flight, Stream
 from rb_dynamics.analysis.identification.identify import _Report
 from rb_dynamics.analysis.identification.measurement_model import Model
 from rb_dynamics.analysis.identification.model_omissions import _candidates
@@ -620,6 +620,21 @@ def test_slow_noise_of_a_gyro_about_a_constant_tells_no_bias() -> None:
     noise = 2e-3 * (random.standard_normal((400, 3)) + np.cumsum(0.02 * random.standard_normal((400, 3)), axis=0))
     found = of_gyro(body, 3.0 * rate / np.linalg.norm(rate) + noise, starts=2)
     assert not any(each.known for each in found.parameters)
+
+
+def test_a_bias_has_the_error_of_a_position_that_the_motion_does_not_tell() -> None:
+    # Turning steadily about one axis, an accelerometer shows by a bias what it shows elsewhere.
+    random, bias = np.random.default_rng(18), np.array([0.05, -0.02, 0.08])
+    scene = parse_scene("body: {mass: 2, inertia: {diagonal: [0.1, 0.102, 0.129]}}\n")
+    flight = flown(scene.body, random, seconds=4.0, spin=(-0.1, 0.22, -0.22), force=1.0, gyro=3e-3, pose=3e-3)
+    forces = flight.channels[0].held[:, :3]
+    shown = forces / scene.body.mass + bias + 3e-2 * random.standard_normal(forces.shape)
+    measured = Stream("accelerometer", ACCELERATION, flight.streams[0].time_ns[1:], shown)
+    fit = ["mass", "center_of_mass", "inertia", "gyro_bias", "accelerometer"]
+    found = identify(scene, [replace(flight, streams=(*flight.streams, measured))], fit, starts=1)
+
+    assert not any(known(found, "accelerometer_position"))
+    within(found, "accelerometer_bias", bias, errors=3.0)
 
 
 def test_where_a_gyro_alone_does_not_tell_the_shape_it_tells_no_bias() -> None:
