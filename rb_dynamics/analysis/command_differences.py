@@ -60,7 +60,7 @@ class CommandDifference:
 def command_differences(
     a: Track, b: Track, alignment: Alignment, span_ns: tuple[int, int], gaps: Sequence[tuple[int, int]] = ()
 ) -> tuple[list[CommandDifference] | None, list[str]]:
-    """Return what differs within `span_ns` of A's clock, and remarks; None if one of the two has no commands.
+    """Return what differs within `span_ns` of A's clock, and remarks; None if one has no commands, or doubtful ones.
 
     What differs only within `gaps` of the motion (first and last ns, ascending) is a remark: commands may be missing.
 
@@ -70,6 +70,8 @@ def command_differences(
     unknown = [name for name, track in (("A", a), ("B", b)) if not (track.own or track.wrenches)]
     if unknown:
         return None, [f"Commands are not compared: {' and '.join(unknown)} without them."]
+    if doubts := [f"in {name} {track.doubt}" for name, track in (("A", a), ("B", b)) if track.doubt]:
+        return None, [f"Commands are not compared: {'; '.join(doubts)}."]
     one, other = _sides(a, b)
     devices = [] if a.own == b.own else [each.name for each in _actuators(a if a.own else b)]
     one, other = ({name: side[name] for name in side if name not in devices} for side in (one, other))

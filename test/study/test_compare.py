@@ -718,6 +718,17 @@ def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Pat
         assert found.commands == []
 
 
+def test_commands_of_another_body_in_a_merged_bag_do_not_differ_from_none(tmp_path: Path) -> None:
+    one, other, both = (tmp_path / f"{name}.mcap" for name in ("one", "other", "both"))
+    scene = rb.parse_scene(SCENE)
+    pushed = [("thrust", rb.Wrench((1.0, 0.0, 0.0), (0.0, 0.1, 0.0), "world", 500_000_000))]
+    rb.simulate(scene, [], [McapSink(one, namespace="/one")])
+    rb.simulate(scene, pushed, [McapSink(other, namespace="/other")])
+    merge([one, other], both, (-math.inf, math.inf))
+    found = rb.compare(one, both, topics=rb.TopicChoice(pose="/one/pose", twist="/one/twist"))
+    assert found.commands is None
+
+
 def test_effects_of_a_log_in_a_namespace_are_those_of_their_names(tmp_path: Path) -> None:
     """Some channels were remapped out of the namespace, so that names alone do not tell it."""
     scene = rb.parse_scene(
