@@ -8,7 +8,7 @@ import numpy as np
 
 from rb_dynamics.analysis.track import Track
 from rb_dynamics.errors import LogError
-from rb_dynamics.formats.log_metadata import TOPICS
+from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, TOPICS, UNPLACED
 from rb_dynamics.formats.message_types import INERTIA
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
@@ -49,7 +49,14 @@ def part_of(track: Track, window_s: Window) -> Bag:
     logged = np.concatenate([times for _, times in parts.values()])
     cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
     topics = {name: topic for name, (topic, _) in parts.items()}
-    return replace(track.bag, topics=topics, cut_ns=cut_ns, window_ns=(begin, end), zero_ns=zero_ns)
+    metadata = track.bag.metadata
+    if track.own and track.missing:
+        # That a later file of a bag, alone, does not begin at 0 is no longer seen in a part of it.
+        pieces = [f"{a} {b}" for a, b in track.missing] + [UNPLACED] * track.bag.unplaced
+        told = metadata.get(INTERRUPTED, {"reason": DAMAGED}) | {"missing_ns": ", ".join(pieces)}
+        metadata = metadata | {INTERRUPTED: told}
+    found = replace(track.bag, topics=topics, metadata=metadata)
+    return replace(found, cut_ns=cut_ns, window_ns=(begin, end), zero_ns=zero_ns)
 
 
 def _delays(track: Track) -> dict[str, int]:

@@ -112,12 +112,13 @@ def cut(track: Track) -> str:
 def missing(track: Track) -> str:
     """Return which pieces of a recording are missing before its end; "" if none are known to be."""
     start, zero = track.span_ns[0], track.zero_ns
-    times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in track.missing]
+    first = track.own and (0, start) in track.missing
+    pieces = [piece for piece in track.missing if not (first and piece == (0, start))]
+    times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in pieces]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += ["messages may be missing of which no time is known"] * track.bag.unplaced
     told += [f"{name} is missing" for name in track.bag.missing_files]
-    # A run begins at 0; a later file of a bag, alone, does not.
-    if track.own and start > 0 and not track.bag.cut_ns and not any(begin < start for begin, _ in track.missing):
+    if first:
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
 

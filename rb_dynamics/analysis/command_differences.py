@@ -110,7 +110,7 @@ def command_differences(
     if limited:
         told.append(
             f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel, "
-            "which --scene SCENE applies, or still waited in it where a part of a bag begins."
+            "which --scene SCENE applies, wait in it where a part of a bag begins, or be in a missing piece."
         )
     return found if found or not (unknown or devices or hidden or limited) else None, told
 

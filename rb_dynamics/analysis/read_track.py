@@ -271,6 +271,10 @@ class _TrackReader:
             wheels=wheels,
             missing=self._missing(own),
         )
+        start = track.span_ns[0]
+        # A run begins at 0; a later file of a bag, alone, does not.
+        if own and start > 0 and not self.bag.cut_ns and not any(begin < start for begin, _ in track.missing):
+            track = replace(track, missing=((0, start), *track.missing))
         if self.scene is not None:
             sent = [waiting(steps, self.bag, steps.channel) for steps in wrenches]
             whole = part_ns(self.bag.metadata) is None

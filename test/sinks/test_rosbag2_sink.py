@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
@@ -22,6 +23,7 @@ from rb_dynamics.run.simulate import simulate
 from rb_dynamics.scene.read import parse_scene
 from rb_dynamics.sinks.mcap_sink import LogSettings, McapSink
 from rb_dynamics.sinks.rosbag2_sink import BagSink
+from rb_dynamics.study.compare import compare
 
 pytest.importorskip("rosbags")
 
@@ -240,6 +242,18 @@ def test_files_that_are_not_there_are_named(split: Path, tmp_path: Path, kept: s
 def test_a_file_alone_is_not_the_recording(split: Path) -> None:
     assert told(split / "spin_0.mcap")[1] == ["recording has all its parts"]
     assert not read_bag(split / "spin_0.mcap").complete
+
+
+@pytest.mark.parametrize("later", [1, 2])
+def test_what_is_held_from_a_file_that_is_not_there_is_not_known(split: Path, tmp_path: Path, later: int) -> None:
+    """From 0.5 to 7 s a command is held: taken for zero, it would be missed in the balances of momentum."""
+    file, lacks = split / f"spin_{later}.mcap", ["recording has all its parts"]
+    track = read_track(read_bag(file))
+    part = read_track(part_of(track, (3.0 * later + 0.5, None)))
+    for found in (track, part):
+        assert [check.name for check in summarize(found).checks if not check.passed] == lacks
+    simulate(SCENE, COMMANDS, [McapSink(tmp_path / "whole.mcap")])
+    assert not compare(tmp_path / "whole.mcap", file).commands
 
 
 def test_a_file_within_that_was_cut_is_a_missing_piece_and_no_end(split: Path, tmp_path: Path) -> None:
