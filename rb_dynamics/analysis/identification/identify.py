@@ -797,7 +797,7 @@ class _Report:
         told = (
             f"times of commands on {', '.join(topics)} are not known exactly, and by what the fit leaves are off by "
             f"{self.late.seconds:.2g} s (root mean square): much of the errors. The intervals are widened to include "
-            "that; record commands with stamps"
+            "that; record commands with exact stamps"
         )
         return [told] if _MUCH <= shift < np.inf else []
 
