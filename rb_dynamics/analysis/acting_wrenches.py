@@ -150,5 +150,6 @@ def _scheduled(
     )
     if whole or is_constant(entries):
         return found
+    # Some entry acts from long before the part on, and which one never becomes known.
     always = found.without([(_LONG_BEFORE_NS, zero_ns)])
     return replace(always, known=np.zeros(len(always.time_ns), dtype=bool))

@@ -113,7 +113,7 @@ def missing(track: Track) -> str:
     """Return which pieces of a recording are missing before its end; "" if none are known to be."""
     start, zero = track.span_ns[0], track.zero_ns
     first = track.own and (0, start) in track.missing
-    pieces = [piece for piece in track.missing if not (first and piece == (0, start))]
+    pieces = [piece for piece in track.missing if not first or piece != (0, start)]
     times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in pieces]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += ["messages may be missing of which no time is known"] * track.bag.unplaced

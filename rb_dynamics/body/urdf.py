@@ -244,7 +244,9 @@ def _fixed(
         ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
         kind, place = joint.get("type", ""), f"{source}: joint {joint.get('name', '')[:60]!r}"
         if kind != "fixed" and kind.strip().lower() in ("", "fixed"):
-            raise BodyError(f"{place} is of type {kind!r}, expected 'fixed', or that of a joint that gives; correct it")
+            raise BodyError(
+                f"{place} is of type {kind!r}, expected 'fixed', or a type that moves, such as 'revolute'; correct it"
+            )
         # Links that are fixed to the world do not move with the others.
         if kind != "fixed" or _WORLD in ends:
             continue

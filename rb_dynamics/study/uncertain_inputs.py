@@ -199,14 +199,14 @@ def _of_fit(found: Mapping[str, Any], source: str, scene: Scene) -> UncertainNum
     part = (scale[:, None] * matrix * scale)[np.ix_(known, known)]
     if not _is_covariance(part):
         raise SceneError(
-            f"{source}: found a covariance of {', '.join(names[k] for k in known)} that no random numbers have, "
-            "expected finite numbers, a symmetric matrix and correlations that are possible together; make it again"
+            f"{source}: the covariance of {', '.join(names[k] for k in known)} is no covariance, expected a "
+            "matrix of finite numbers that is symmetric and positive semidefinite; write it again with identify --json"
         )
     return UncertainNumbers(tuple(names[k] for k in known), part, tuple(unknown))
 
 
 def _is_covariance(matrix: Array) -> bool:
-    """Return whether random numbers have this covariance (n, n), but for rounding."""
+    """Return whether a matrix (n, n) is finite, symmetric and positive semidefinite, but for rounding."""
     variances = np.diagonal(matrix)
     if not (np.isfinite(matrix).all() and ((variances >= 0.0) & (variances <= _MOST**2)).all()):
         return False
