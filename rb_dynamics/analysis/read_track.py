@@ -1052,8 +1052,13 @@ def _within_ns(logged: Times, times: Times, by_log: float, line: ClockLine) -> i
         return max(_LATE_NS, round(1e9 * max(line.error_s, line.ends_s)))
     if by_log:
         return round(min(_LATE_NS, int(np.abs(logged - times).max())) * math.sqrt(by_log))
-    tick = int(np.gcd.reduce(times)) if len(times) else 0
-    return tick if tick < _TICK_NS else 0
+    if not len(times):
+        return 0
+    tick = int(np.gcd.reduce(times))
+    # What takes commands on arrival takes them about when they were logged.
+    own = StampClock.of(logged, times).line
+    late = (logged if own.one_clock else own.stamps(logged)) - times
+    return max(tick if tick < _TICK_NS else 0, min(int(np.median(late)), _LATE_NS))
 
 
 def _within(

@@ -363,7 +363,7 @@ def times_unknown(track: Track) -> str:
         return "the commands have no stamps, and the error of the times at which they were logged"
     if any(topic.name in track.bag.unset for topic in topics):
         return "some of the commands have no stamps, and the error of the times at which they were logged"
-    return "the stamps of commands are rounded or stray, and the error of these times"
+    return "the stamps of commands are rounded or stray, or these act on arrival, and the error of their times"
 
 
 def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaScore | None, left: float) -> bool:

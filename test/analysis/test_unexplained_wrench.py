@@ -13,13 +13,14 @@ from tumbling import Tumble, bag_of, fill
 
 from rb_dynamics import MemorySink, Setpoint, TopicChoice, Wrench, inspect, simulate
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.summary import MASS_EXPLAINS, summarize
+from rb_dynamics.analysis.summary import EXPLAINS, MASS_EXPLAINS, summarize
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.numerics.rotation_arrays import rotate_all_inverse
 from rb_dynamics.report.inspection_text import residual_sentence
 from rb_dynamics.scene import parse_scene
+from rb_dynamics.scene.model import Scene
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 TRUE = np.array([[0.5, 0.02, -0.01], [0.02, 0.7, 0.03], [-0.01, 0.03, 0.9]])
@@ -416,6 +417,46 @@ def test_exact_motion_under_forces_at_rounded_times_fails_no_balance(bagger: Any
     moved = next(check for check in found.checks if check.name == "linear momentum balance")
     assert not moved.judged
     assert "rounded or stray" in moved.detail
+
+
+def test_what_acts_on_arrival_leaves_no_torque_that_nobody_commanded(bagger: Any) -> None:
+    """By default a node lets commands act when they arrive, after their stamps; its motion has no noise."""
+
+    def scene_of(inertia: np.ndarray) -> Scene:
+        body = BODY.replace("MATRIX", str(inertia.tolist()))
+        return parse_scene(f"{body}\nwrenches: [{{topic: wrench}}]\nduration: 10\n")
+
+    scene = scene_of(TRUE)
+    random = np.random.default_rng(2)
+    sent = [
+        ("wrench", Wrench((0.0, 0.0, 0.0), tuple(torque), "base", at))
+        for at, torque in zip(
+            np.sort(random.integers(500_000_000, 9_500_000_000, 20)).tolist(),
+            (0.1 * random.standard_normal((20, 3))).tolist(),
+            strict=True,
+        )
+    ]
+    simulate(scene, sent, [memory := MemorySink()])
+    rows: list[Any] = []
+    for sample in memory.samples:
+        t, late = sample.time_ns, sample.time_ns + int(random.integers(200_000, 500_000))
+        pose = (*sample.position_world, *sample.orientation_xyzw)
+        rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", late, (t, "world", pose)))
+        turn, speed = np.array([sample.orientation_xyzw]), np.array([sample.linear_velocity_world])
+        spin = (*rotate_all_inverse(turn, speed)[0].tolist(), *sample.angular_velocity_body)
+        rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", late, (t, "base", spin)))
+    for _, wrench in sent:
+        acted, values = int(wrench.stamp_ns), (*wrench.force, *wrench.torque)
+        stamp = acted - int(random.integers(200_000, 500_000))
+        rows.append(("/b/wrench", "geometry_msgs/msg/WrenchStamped", acted, (stamp, "base", values)))
+    bag = read_bag(bagger(rows))
+    found = summarize(read_track(bag, scene))
+    assert found.passed, [check for check in found.checks if not check.passed]
+    told = next(check for check in found.checks if check.name == EXPLAINS)
+    assert not told.judged
+    assert "act on arrival" in told.detail
+    heavier = summarize(read_track(bag, scene_of(1.1 * TRUE)))
+    assert not next(check for check in heavier.checks if check.name == EXPLAINS).passed
 
 
 def test_the_error_of_a_mass_contains_that_of_the_inertia_found_beside_it(bagger: Any) -> None:
