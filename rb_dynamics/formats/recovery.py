@@ -10,10 +10,11 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import absent_before, absent_between, bag_facts, in_order, joined_losses
-from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, UNPLACED, next_file, version
+from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, MISSING_FILES, UNPLACED, next_file, version
 from rb_dynamics.formats.mcap_records import END_OF_TIME, McapChannel, McapFile, Message, Schema, instead_of_recover
 from rb_dynamics.formats.mcap_writer import McapWriter
 from rb_dynamics.formats.output_file import OutputFile, require_other
@@ -72,22 +73,24 @@ def recover(source: Path, target: Path) -> list[Recovered]:
         return [_recover_file(McapFile(source, salvage=True), target)]
     files = in_order(source)
     if not files:
-        why = "; give a log, or a folder of them"
-        if any(source.glob("*.mcap.zstd")):
-            why = f"; unpack its files first with zstd -d {source}/*.mcap.zstd"
-        if tables := sorted(source.glob("*.db3")):
-            why = instead_of_recover(tables[0])
-        raise LogError(f"{source} has no .mcap files in it{why}")
+        raise _no_files(source)
     earlier = _earlier(target, files)
     if not any(map(_says_something, files)):
         raise _nothing(source)
-    saved = [_recover_file(McapFile(file, salvage=True, part=True), target / file.name) for file in files]
+    named, begin_ns = _named_but_absent(source)
+
+    def salvage(file: Path, types: Mapping[str, Schema] | None = None) -> Recovered:
+        # The metadata of the copy name what is there; only between two files their names tell that one is not.
+        first, last = named.get(file, []) * (file is files[0]), named.get(None, []) * (file is files[-1])
+        absent = _Absent(first, last, begin_ns)
+        return _recover_file(McapFile(file, salvage=True, part=True), target / file.name, types, absent)
+
+    saved = [salvage(file) for file in files]
     # Which of its types a file has lost is known once it is read, and the other files may follow it.
     types = {each.topic: each.schema for one in saved for each in one.channels if _is_whole(each.schema)}
     for number, file in enumerate(files):
         if any(each.topic in types and not _is_whole(each.schema) for each in saved[number].channels):
-            saved[number] = _recover_file(McapFile(file, salvage=True, part=True), target / file.name, types)
-    named = _named_but_absent(source)
+            saved[number] = salvage(file, types)
     for number, (file, each) in enumerate(zip(files, saved, strict=True)):
         each.absent_before = named.get(file, [])
         if number and not each.absent_before:
@@ -98,6 +101,15 @@ def recover(source: Path, target: Path) -> list[Recovered]:
         old.unlink()
     write_metadata(target, list(channels.values()), [each.file for each in saved])
     return saved
+
+
+def _no_files(source: Path) -> LogError:
+    why = "; give a log, or a folder of them"
+    if any(source.glob("*.mcap.zstd")):
+        why = f"; unpack its files first with zstd -d {source}/*.mcap.zstd"
+    if tables := sorted(source.glob("*.db3")):
+        why = instead_of_recover(tables[0])
+    return LogError(f"{source} has no .mcap files in it{why}")
 
 
 def _earlier(target: Path, files: Sequence[Path]) -> list[Path]:
@@ -118,12 +130,16 @@ def _earlier(target: Path, files: Sequence[Path]) -> list[Path]:
     return [target / name for name in others]
 
 
-def _named_but_absent(folder: Path) -> dict[Path | None, list[str]]:
-    """Return the names of files that the metadata of a bag name and that are not there, by the next one that is."""
+def _named_but_absent(folder: Path) -> tuple[dict[Path | None, list[str]], int | None]:
+    """Return the names of files that the metadata of a bag name and that are not there, by the next one that is.
+
+    Beside them stands the first log time of the bag, ns; None if nothing says it.
+    """
     try:
-        return absent_before(bag_facts(folder).files)
+        facts = bag_facts(folder)
     except (FileNotFoundError, LogError):
-        return {}
+        return {}, None
+    return absent_before(facts.files), min(facts.begins_ns.values(), default=None)
 
 
 def _says_something(path: Path, part: bool = True) -> bool:
@@ -147,7 +163,26 @@ def _is_whole(schema: Schema) -> bool:
     return bool(schema.name)
 
 
-def _recover_file(old: McapFile, target: Path, types: Mapping[str, Schema] | None = None) -> Recovered:
+class _Absent(NamedTuple):
+    """Names of files of a bag that are missing before its first one and behind its last; when it begins, ns."""
+
+    before: Sequence[str] = ()
+    behind: Sequence[str] = ()
+    begin_ns: int | None = None
+
+    def facts(self, start_ns: int) -> dict[str, str]:
+        """Return what is to be told of it in that first or last file, of which `start_ns` is the first log time."""
+        if not self.before and not self.behind:
+            return {}
+        names = ", ".join([*self.before, *self.behind])
+        piece = UNPLACED if self.begin_ns is None else f"{self.begin_ns} {start_ns}"
+        reason = {"reason": DAMAGED, "missing_ns": piece} if self.before else {"reason": CUT_OFF}
+        return reason | {MISSING_FILES: names}
+
+
+def _recover_file(
+    old: McapFile, target: Path, types: Mapping[str, Schema] | None = None, absent: _Absent | None = None
+) -> Recovered:
     """Copy one file; `types`: those of the other files of its bag by topic, for one that it has lost."""
     completed = _Types(types or {})
     messages = completed.typed(old.messages())
@@ -176,12 +211,14 @@ def _recover_file(old: McapFile, target: Path, types: Mapping[str, Schema] | Non
             }
             # A copy that is damaged in its turn lacks what the first file lacked, too.
             old.metadata[INTERRUPTED] = joined_losses(old.metadata.get(INTERRUPTED, {}), told)
+        state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
+        if absent is not None and (more := absent.facts(facts.start_ns)):
+            old.metadata[INTERRUPTED] = joined_losses(old.metadata.get(INTERRUPTED, {}), more)
         # What a damaged summary alone says of channels is copied only where it gives messages their topic.
         declared = old.channels.items()
         kept = [each for number, each in declared if number not in old.doubtful or each.topic in facts.counts]
         channels = [completed.channel(each) for each in kept]
         copy.finish(channels, old.attachments, old.metadata)
-    state = old.metadata.get(INTERRUPTED, {"reason": WHOLE}).get("reason", CUT_OFF)
     lost = old.damage, old.missing, old.unplaced
     return Recovered(facts, state, channels, *lost, old.unchecked, next_file(old.metadata))
 

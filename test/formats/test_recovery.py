@@ -608,6 +608,8 @@ def test_recover_names_a_missing_file_of_another_writer(
     assert said in found
     assert ("is missing" in found) == bool(said)
     assert sorted(file.name for file in (tmp_path / "saved").glob("*.mcap")) == [f"split_{n}.mcap" for n in kept]
+    # And so the copy says to whoever reads it.
+    assert read_bag(tmp_path / "saved").missing_files == [f"split_{gone}.mcap"] * bool(said)
 
 
 @pytest.mark.parametrize("index", [IndexType.NONE, IndexType.ALL])
