@@ -65,7 +65,8 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     """Write the messages of the bags whose log times are within `span_ns` to the MCAP file `target`, by log time.
 
     Fixed transforms and other latched topics are those of the whole bags; of each topic of commands the last message
-    before `span_ns` is there too, as it is held then. Topics of one name and type become one.
+    before `span_ns` is there too, as it is held then. Topics of one name and type become one; what several bags have
+    with the same bytes at the same time, as parts of one do, is there once.
     Topics without a definition of their type are left out, since nothing could read it.
 
     Raises:
@@ -78,6 +79,7 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     with OutputFile.whole(target) as file:
         copy = Copy(file)
         types: dict[str, Schema] = {}
+        shared = _Shared()
         unknown: dict[str, str] = {}
         begin_ns = end_ns = None
         held = _held(paths, span_ns[0]) if span_ns[0] > -math.inf else []
@@ -87,18 +89,10 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
                 unknown[message.channel.topic] = message.channel.type_name
                 continue
             known = types.setdefault(channel.topic, channel.schema)
-            if known.name != channel.schema.name:
-                raise LogError(
-                    f"{target}: topic {channel.topic} is {known.name} in one bag and {channel.schema.name} in another, "
-                    "expected one type; leave out one of the bags"
-                )
-            if known != channel.schema and differ(known, channel.schema):
-                raise LogError(
-                    f"{target}: topic {channel.topic} is {known.name} of other fields in one bag than in another, "
-                    "expected one definition; leave out one of the bags"
-                )
-            copy.add(message._replace(channel=replace(channel, schema=known)))
-            found.messages += 1
+            _require_one_type(target, known, channel)
+            if not shared.has(number, message):
+                copy.add(message._replace(channel=replace(channel, schema=known)))
+                found.messages += 1
             if span_ns[0] <= message.log_time <= span_ns[1]:
                 begin_ns, end_ns = message.log_time if begin_ns is None else begin_ns, message.log_time
             ends = spans.setdefault(channel.topic, {})
@@ -124,6 +118,25 @@ def merge(paths: Sequence[Path], target: Path, span_ns: tuple[float, float]) -> 
     alone = {topic: ends for topic, ends in spans.items() if types[topic].name not in _SHARED}
     found.notes += [*_doubled(alone, paths), *_apart(spans, paths)]
     return found
+
+
+def _require_one_type(target: Path, known: Schema, channel: McapChannel) -> None:
+    """Refuse a topic of two types.
+
+    Raises:
+        LogError: that of `channel` is not the `known` one.
+    """
+    topic, name = channel.topic, known.name
+    if name != channel.schema.name:
+        raise LogError(
+            f"{target}: topic {topic} is {name} in one bag and {channel.schema.name} in another, expected one type; "
+            "leave out one of the bags"
+        )
+    if known != channel.schema and differ(known, channel.schema):
+        raise LogError(
+            f"{target}: topic {topic} is {name} of other fields in one bag than in another, expected one definition; "
+            "leave out one of the bags"
+        )
 
 
 def _told(sources: Sequence[Source]) -> dict[str, str]:
@@ -158,6 +171,20 @@ def _by_log_time(sources: Sequence[Source]) -> Iterator[_Numbered]:
 
     streams = [numbered(number, source) for number, source in enumerate(sources)]
     return heapq.merge(*streams, key=lambda each: each[1].log_time)
+
+
+class _Shared:
+    """Tells which messages, in the order of their log times, an earlier bag has as well: parts have what they hold."""
+
+    def __init__(self) -> None:
+        self._time_ns = -1
+        self._first: dict[tuple[str, bytes], int] = {}
+
+    def has(self, number: int, message: Message) -> bool:
+        """Return whether a bag of another number had the same bytes on the same topic at the same time."""
+        if message.log_time != self._time_ns:
+            self._time_ns, self._first = message.log_time, {}
+        return self._first.setdefault((message.channel.topic, message.data), number) != number
 
 
 def _part(sources: Sequence[Source], span_ns: tuple[float, float], held: Sequence[_Numbered]) -> Iterator[_Numbered]:

@@ -85,6 +85,18 @@ def test_parts_that_are_merged_again_begin_after_what_they_hold_from_before(tmp_
     assert read_bag(tmp_path / "again.mcap").cut_ns == (0, 27 * SECOND)
 
 
+def test_what_overlapping_parts_share_is_there_once(tmp_path: Path) -> None:
+    """A part has the command that it holds; merged with the part before it, it was there twice, and counted twice."""
+    bag = write_bag(tmp_path / "bag", wrenches("/a", (0, 2, 7, 7, 9)))
+    parts = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    for part, span_s in zip(parts, ((0, 8), (4, 10)), strict=True):
+        merge([bag], part, (span_s[0] * SECOND, span_s[1] * SECOND))
+    merge(parts, tmp_path / "again.mcap", ALL)
+    assert content(tmp_path / "again.mcap") == content(bag), "what is twice in one bag is so here"
+    merge(parts, tmp_path / "later.mcap", (8 * SECOND, math.inf))
+    assert [time_ns // SECOND for time_ns, *_ in content(tmp_path / "later.mcap")] == [7, 9]
+
+
 def test_a_part_knows_what_actuators_do_that_were_commanded_before_it(tmp_path: Path) -> None:
     """A thruster that was on seemed to be off, and inspect then found a torque that nobody commanded."""
     body = "{mass: 12, inertia: {diagonal: [0.9, 1.2, 1.6]}, frames: {jet: {position: [0.3, 0.1, 0]}}}"
