@@ -28,6 +28,8 @@ _ORDERS, _MEDIAN = (3, 5, 7), 0.6745
 # Steps to which speeds may be rounded, rad/s, the coarsest first: from 10 rpm and 1 rad/s; speeds fit to this share.
 _STEPS = tuple(unit * part * 10.0**-digits for digits in range(4) for part in (1.0, 0.5) for unit in (math.pi / 3, 1.0))
 _OFF_STEP = 1e-4
+# A recorder hears of topics one after the other, within so many ns.
+_LATE_NS = NANOSECONDS
 # Noise, or a body that turns a wheel at its limit, takes it no further beyond its `max_speed`, by this factor.
 _BEYOND = 1.5
 
@@ -140,6 +142,19 @@ class WheelSpeeds(NamedTuple):
         draw = np.random.default_rng(number)
         more = self.noise * draw.standard_normal(self.speeds.shape)
         return self._replace(speeds=self.speeds + by * (more + self.offset * draw.standard_normal(len(more.T))))
+
+    def part_of(self, first_ns: int, last_ns: int) -> tuple[int, int]:
+        """Return an interval without a second or less at an end, for which no speeds were recorded.
+
+        It is left as it is where the speeds reach beyond the other end: those of another clock do.
+        """
+        if len(self.time_ns) < 2:
+            return first_ns, last_ns
+        usual = longest_usual(self.time_ns) if len(self.time_ns) > 3 else 0.0
+        late, early = int(self.time_ns[0]) - first_ns, last_ns - int(self.time_ns[-1])
+        begins_late = usual < late <= _LATE_NS and -2 * early < late
+        ends_early = usual < early <= _LATE_NS and -2 * late < early
+        return first_ns + late * begins_late, last_ns - early * ends_early
 
     def reaching(self, first_ns: int, last_ns: int, path: str) -> WheelSpeeds:
         """Return the same from `first_ns` to `last_ns`: what an interval misses goes on as the samples next to it do.

@@ -349,6 +349,18 @@ def test_a_table_tells_the_speeds_in_columns(tmp_path: Path) -> None:
     assert again.body.inertia == found.body.inertia
 
 
+def test_a_recorder_that_hears_of_the_wheels_late_costs_only_the_beginning(tmp_path: Path) -> None:
+    flight = flown(4)
+    found = rb.identify(flight.scene(), [str(recorded(flight, tmp_path / "late", 1, first=7))], ["inertia"])
+    assert np.allclose(found.body.inertia, flight.inertia, rtol=0.0, atol=2e-5)
+    assert any("speeds from 0.07 to 7.99 s: only that part is fitted of the motion" in note for note in found.notes)
+    speeds = WheelSpeeds("/w", np.arange(0, 8 * 10**9, 10**7), flight.speeds[:800])
+    shifted = speeds.since(-(10**8))
+    assert shifted.part_of(0, 8 * 10**9 - 10**7) == (0, 8 * 10**9 - 10**7), "by another clock they end later, too"
+    assert shifted.part_of(0, 8 * 10**9 + 10**8) == (10**8, 8 * 10**9 + 10**8)
+    assert speeds.since(10**8).part_of(-(10**8), 8 * 10**9 - 10**7) == (-(10**8), 789 * 10**7)
+
+
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     flight = flown(1)
     late = recorded(flight, tmp_path / "late", 1, first=300)

@@ -127,13 +127,10 @@ def read_csv_flight(
     channels += elsewhere
     unknown = unknown_commands(scene, heard, False, notes)
     notes += [] if channels else [NO_WRENCH]
-    wheels = None
-    if turning:
-        recorded = WheelSpeeds.of("wheels", times - zero, found["wheels"])
-        wheels = recorded.reaching(0, end - zero, path)
-        notes += [*recorded.remarks, *recorded.beyond(scene.wheels)]
-    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, wheels=wheels, unknown=unknown)
-    return flight.between_commands()
+    wheels = WheelSpeeds.of("wheels", times - zero, found["wheels"]) if turning else None
+    notes += [*wheels.remarks, *wheels.beyond(scene.wheels)] if wheels else []
+    flight = Flight(path, tuple(streams), tuple(channels), tuple(notes), zero_ns=zero, unknown=unknown)
+    return (flight.turning(wheels) if wheels else flight).between_commands()
 
 
 def _wrench(found: Mapping[str, Array], times: Times, scene: Scene, path: str) -> Iterator[WrenchSeries]:

@@ -241,6 +241,23 @@ class Flight:
         streams = (stream.rows(slice(*np.searchsorted(stream.time_ns, [first_ns, end_ns]))) for stream in self.streams)
         return replace(self, streams=tuple(streams), notes=())
 
+    def turning(self, wheels: WheelSpeeds) -> Flight:
+        """Return the same with the speeds of wheels, without a second or less at an end that has none.
+
+        Raises:
+            LogError: more has none.
+        """
+        whole = self.span_ns
+        first, last = part = wheels.part_of(*whole)
+        if part == whole:
+            return replace(self, wheels=wheels.reaching(*whole, self.name))
+        told = (
+            f"{wheels.topic} has speeds from {first * 1e-9:.6g} to {last * 1e-9:.6g} s: only that part is "
+            f"fitted of the motion, which is recorded from {whole[0] * 1e-9:.6g} to {whole[1] * 1e-9:.6g} s"
+        )
+        kept = self.between(first, last + 1)
+        return replace(kept, wheels=wheels.reaching(*kept.span_ns, self.name), notes=(*self.notes, told))
+
     def without_repeats(self) -> Flight:
         """Return the same with one sample of each time: others are recorded again, or the clock is too coarse for them.
 
@@ -507,11 +524,9 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         () if own else _set_forward(track, zero),
         zero,
         track.frames_to_choose,
-        wheels,
-        unknown,
+        unknown=unknown,
     )
-    if wheels:
-        found = replace(found, wheels=wheels.reaching(*found.span_ns, path))
+    found = found.turning(wheels) if wheels else found
     return found if own else found.between_commands()
 
 
