@@ -40,6 +40,7 @@ from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.errors import BodyError, LogError, WrenchError
 from rb_dynamics.formats.log_metadata import RUN, part_ns, unlogged
+from rb_dynamics.formats.mcap_records import END_OF_TIME
 from rb_dynamics.formats.message_types import COMMAND, INERTIA, JOINTS, ODOMETRY, SCALAR, VECTOR
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.loads.thruster import Thruster
@@ -902,11 +903,15 @@ class _TrackReader:
         log_times, stamps = map(np.concatenate, zip(*stamped, strict=True))
         late = log_times - stamps
 
+        def least(side: NDArray[np.bool_]) -> int:
+            # There may be nothing on a side: a lost piece of unknown times may be all of the time.
+            return int((late[side] if side.any() else late).min())
+
         def told(begin: int, end: int) -> tuple[int, int]:
             before, after = log_times <= begin, log_times >= end
-            first = stamps[before].max() if before.any() else begin - late[after].min()
-            last = stamps[after].min() if after.any() else end - late[before].min()
-            return int(first), int(max(first, last))
+            first = int(stamps[before].max()) if before.any() else begin - least(after)
+            last = int(stamps[after].min()) if after.any() else min(end - least(before), END_OF_TIME - 1)
+            return first, max(first, last)
 
         return tuple(told(begin, end) for begin, end in self.bag.missing)
 

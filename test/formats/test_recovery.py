@@ -465,6 +465,25 @@ def test_a_copy_of_a_file_that_lost_a_message_is_not_called_whole(
     assert "FAIL  recording has all its parts: a piece is missing from t = 0.98 to 1.01 s" in capsys.readouterr().out
 
 
+def test_a_piece_that_may_be_of_any_time_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A damaged log time far ahead leaves no message before the piece that is lost, and none after it."""
+    run, log, saved = (tmp_path / name for name in ("run.mcap", "a.mcap", "saved.mcap"))
+    simulate(parse_scene("body: {mass: 2, inertia: {diagonal: [1, 2, 3]}}\nduration: 3\n"), [], [McapSink(run)])
+    rows: list[Row] = [
+        ("/pose", each.channel.schema.name, each.log_time, each.data)
+        for each in McapFile(run).messages()
+        if each.channel.topic == "/pose" and each.log_time > 0
+    ]
+    data = bytearray(write_rows(log, rows, use_chunking=False).read_bytes())
+    places = _places(data, Opcode.MESSAGE)
+    data[places[100] + 15 : places[100] + 23] = struct.pack("<Q", 8 * 10**18)
+    data[places[200] + 3] ^= 16
+    log.write_bytes(data)
+    assert main(["recover", str(log), str(saved)]) == 1
+    assert main(["inspect", str(saved)]) == 1
+    assert "FAIL  recording has all its parts: a piece is missing from" in capsys.readouterr().out
+
+
 def test_a_finished_file_of_which_nothing_can_be_read_is_not_copied(tmp_path: Path) -> None:
     rows: list[Row] = [("/w", STAMPED, i, stamped(i, 1.0)) for i in range(100)]
     log = write_rows(tmp_path / "a.mcap", rows, compression=CompressionType.ZSTD)
