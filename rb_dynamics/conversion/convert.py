@@ -115,6 +115,7 @@ class _Input:
     source: Source
     motion_ns: int
     counts: Counter[tuple[str, str]]
+    ends_ns: tuple[int, int]
 
     def span(self, window_s: Window) -> Span:
         """Return the log times of a window: s of simulation time, or since the first message of a motion.
@@ -174,6 +175,7 @@ def to_table(
     for path in (target, *beside.values()):
         require_other(path, *paths)
     inputs = list(_looked_through(paths, skip, bool(topics)))
+    _require_some(inputs, window_s)
     own = [each for each in inputs if each.own]
     if not topics and own and len(own) < len(inputs):
         other = next(each for each in inputs if not each.own)
@@ -215,12 +217,14 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
     for number, path in enumerate(map(Path, paths)):
         source, counts = open_source(path), Counter[tuple[str, str]]()
         first: dict[bool, int] = {}
+        last_ns = 0
         try:
             for block in source.blocks():
                 kind = named_type(block.channel)
                 counts[block.channel.topic, kind] += len(block.log_times)
                 moves, begin_ns = kind in _MOTIONS, int(block.log_times.min())
                 first[moves] = min(first.get(moves, begin_ns), begin_ns)
+                last_ns = max(last_ns, int(block.log_times.max()))
                 if kind == TRANSFORMS and (split or RUN not in source.metadata):
                     for part in transforms(block).blocks:
                         counts[part.channel.topic, TRANSFORM] += len(part.log_times)
@@ -232,7 +236,29 @@ def _looked_through(paths: Sequence[str | Path], skip: Skip | None, split: bool)
         found = True
         if skip is not None and (lost := loss(source.complete, source.metadata)):
             skip(path, LogError(f"{path} {lost}"))
-        yield _Input(source.path, source, first.get(True, first.get(False, 0)), counts)
+        ends_ns = min(first.values(), default=0), last_ns
+        yield _Input(source.path, source, first.get(True, first.get(False, 0)), counts, ends_ns)
+
+
+def _require_some(inputs: Sequence[_Input], window_s: Window, span: Span | None = None) -> None:
+    """Refuse a part of the time in which nothing was recorded; `span`: that of all, instead of one of each.
+
+    Raises:
+        LogError: it is before or behind all inputs.
+    """
+    for each in inputs:
+        part, (first_ns, last_ns) = span or each.span(window_s), each.ends_ns
+        if part.first_ns <= last_ns and part.last_ns >= first_ns:
+            return
+    each = inputs[0]
+    zero_ns = 0 if each.own else each.motion_ns
+    first_s, last_s = ((end - zero_ns) * 1e-9 for end in each.ends_ns)
+    named = zip(("from", "to"), window_s, strict=True)
+    asked = " ".join(f"{name} {value:g} s" for name, value in named if value is not None)
+    raise LogError(
+        f"{each.path}: found nothing {asked}, expected a part of the recording, which goes from {first_s:.6g} to "
+        f"{last_s:.6g} s; give --from and --to within it"
+    )
 
 
 def _name_left_out(found: _Input, topics: Sequence[str]) -> None:
@@ -303,7 +329,8 @@ def _commands_to_table(
                 yield [[str(path)] * len(batch), *block] if run else block
 
     found = blocks()
-    if not (first := list(itertools.islice(found, 1))):
+    # An earlier table beside these samples would look like their commands.
+    if not (first := list(itertools.islice(found, 1))) and not target.exists():
         return None
     return Written(target, write_table(target, [*run, *columns], itertools.chain(first, found)), what)
 
@@ -360,6 +387,7 @@ def log_to_rerun(
 
     require_other(target, log)
     (found,) = _looked_through([log], skip, bool(topics))
+    _require_some([found], window_s)
     if topics or not found.own:
         quantities_of(found.counts, str(found.path), topics)
         _name_left_out(found, topics)
@@ -398,6 +426,7 @@ def merge_bags(paths: Sequence[Path], target: Path, window_s: Window = _WHOLE) -
     notes = [*_logs_together([each for each in inputs if each.own])]
     moving = [each for each in inputs if _MOTIONS & {kind for _, kind in each.counts}] or inputs
     span = min(moving, key=lambda each: 0 if each.own else each.motion_ns).span(window_s)
+    _require_some(inputs, window_s, span)
     found = merge(paths, target, span)
     return Written(target, found.messages, "messages"), [*notes, *found.notes]
 

@@ -144,6 +144,21 @@ def test_wrenches_go_to_csv_and_back_to_the_same_run(tmp_path: Path, log: Path) 
     assert "reliable" in bag.topics["/push"].qos
 
 
+def test_commands_of_an_earlier_log_do_not_stay_beside_the_samples_of_another(tmp_path: Path, log: Path) -> None:
+    simulate(parse_scene("body: {mass: 1}\nduration: 1\noutput_rate: 10\n"), (), [McapSink(tmp_path / "free.mcap")])
+    to_table([log], tmp_path / "run.csv")
+    assert [each.rows for each in to_table([tmp_path / "free.mcap"], tmp_path / "run.csv")] == [11, 0]
+    assert len((tmp_path / "run.wrenches.csv").read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize("ending", ["csv", "rrd", "mcap"])
+def test_a_part_of_the_time_in_which_nothing_was_recorded_is_refused(tmp_path: Path, log: Path, ending: str) -> None:
+    found = command("convert", log, tmp_path / f"part.{ending}", "--from", "70")
+    assert found.returncode == 2
+    assert "found nothing from 70 s, expected a part of the recording, which goes from 0 to 2 s" in found.stderr
+    assert not (tmp_path / f"part.{ending}").exists()
+
+
 def test_commands_of_several_runs_are_not_those_of_one(tmp_path: Path, log: Path) -> None:
     """Both begin at time 0: each was taken to supersede the other."""
     other = tmp_path / "other.mcap"
