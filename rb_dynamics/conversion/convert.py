@@ -490,7 +490,8 @@ def table_to_bag(table: Path, target: Path) -> int:
             be written.
     """
     require_other(target, table)
-    commands = list(_read_commands(table))
+    # Topics may follow each other in a table, and rows stand in any order.
+    commands = sorted(_read_commands(table), key=lambda each: each[0])
     if not commands:
         raise LogError(f"{table}: found no rows below the columns, expected commands; give a table with at least one")
     qos = qos_profile(COMMAND_DEPTH)
@@ -510,6 +511,8 @@ def table_to_bag(table: Path, target: Path) -> int:
 def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
     """Yield time, topic and command of each row; warn of those that no run accepts."""
     odd: list[str] = []
+    back: list[str] = []
+    last: dict[str, int] = {}
     try:
         with table.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
@@ -548,6 +551,8 @@ def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
                 if not is_topic_name(topic):
                     raise LogError(f"{where}, topic: found {shown(topic)}, expected a ROS topic name; {NAMING}")
                 topic = "/" + topic.removeprefix("/")
+                back += [where] * (time_ns < last.get(topic, time_ns))
+                last[topic] = time_ns
                 cells = zip(numbers, values, strict=True)
                 odd += [f"{where}, {name}: {row[name]}" for name, number in cells if not math.isfinite(number)][:1]
                 if numbers is _NUMBERS:
@@ -557,6 +562,13 @@ def _read_commands(table: Path) -> Iterator[tuple[int, str, Wrench | float]]:
                     yield time_ns, topic, values[0]
         if odd:
             _logger.warning("commands that are not finite, which a run rejects: %d; the first: %s", len(odd), odd[0])
+        if back:
+            _logger.warning(
+                "commands that are earlier than the one before on their topic, put in the order of time: %d; first: "
+                "%s; if these are several runs, make a table of each",
+                len(back),
+                back[0],
+            )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise LogError(f"cannot read {table}: {reason}; check the path, and give a CSV file in UTF-8") from error

@@ -14,6 +14,7 @@ from command_line import command
 from rb_dynamics import Setpoint, Wrench, parse_scene, simulate
 from rb_dynamics.conversion.convert import log_to_rerun, log_to_scene, table_to_bag, to_table
 from rb_dynamics.errors import LogError
+from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import read_wrenches
 from rb_dynamics.scene.read import read_scene
@@ -166,6 +167,21 @@ def test_commands_of_several_runs_are_not_those_of_one(tmp_path: Path, log: Path
     table = to_table([log, other], tmp_path / "both.csv")[1].path
     with pytest.raises(LogError, match=r"line \d+, run: found .*other.mcap, expected one run, "):
         table_to_bag(table, tmp_path / "both.mcap")
+
+
+def test_rows_of_a_table_stand_in_the_bag_in_the_order_of_time(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A run refused such a bag: the commands of a topic seemed to begin again."""
+    table, bag = tmp_path / "jets.csv", tmp_path / "jets.mcap"
+    table.write_text("time_s,topic,command\n0,a/command,1\n2,a/command,0\n1,b/command,1\n3,b/command,0\n")
+    table_to_bag(table, bag)
+    assert not caplog.text, "topics may follow each other"
+    assert [message.log_time // 10**9 for message in open_source(bag).messages()] == [0, 1, 2, 3]
+    table.write_text("time_s,topic,command\n2,a/command,1\n0,a/command,0\n")
+    table_to_bag(table, bag)
+    assert "jets.csv, line 3" in caplog.text
+    assert [message.log_time // 10**9 for message in open_source(bag).messages()] == [0, 2]
 
 
 def test_a_table_of_others_in_seconds(tmp_path: Path) -> None:
