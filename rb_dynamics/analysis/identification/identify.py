@@ -38,7 +38,15 @@ from rb_dynamics.analysis.identification.other_units import (
     doubt_of_mass,
 )
 from rb_dynamics.analysis.identification.parameters import AXES, PLACES, moments_and_axes
-from rb_dynamics.analysis.identification.residual_whiteness import DOUBT, Band, gains_nothing, root_of, widened
+from rb_dynamics.analysis.identification.residual_whiteness import (
+    DOUBT,
+    Band,
+    axes_of,
+    gains_nothing,
+    root_of,
+    uneven,
+    widened,
+)
 from rb_dynamics.analysis.identification.residuals import Fit, Residuals, fit_bands, residuals_of
 from rb_dynamics.analysis.identification.stacked_rows import covariance_of, information
 from rb_dynamics.analysis.read_track import TopicChoice
@@ -593,8 +601,9 @@ class _Report:
         self.residuals = residuals_of(model, fit, bands)
         if any(each.coloured for each in self.residuals):
             self.covariance, freedom = widened(root_of(self.covariance), bands)
-        elif doubtful or fit.disturbance is not None:
-            self.covariance *= DOUBT**2
+        else:
+            self.covariance = uneven(root_of(self.covariance), fit_bands(fit, self.local, axes_of))
+            self.covariance *= DOUBT**2 if doubtful or fit.disturbance is not None else 1.0
         values, directions = np.linalg.eigh(self.covariance)
         self.follows = all(each.follows for each in self.residuals)
         bent = [

@@ -20,6 +20,8 @@ _BAND = 12.0
 # Residuals are not white if chance makes them look so in one of ten thousand recordings only.
 _CHANCE = 1e-4
 _LAGS = 10
+# The noise of an axis differs from that of the others if it does by so many standard errors.
+_UNEVEN = 5.0
 # By how much an error of the model makes errors larger than coloured noise does: with it intervals hold 94 of 100
 # values where a torque, a drag or an error of a sensor is not in the model (docs/identify.md).
 DOUBT = 2.0
@@ -73,6 +75,34 @@ def bands_of(left: Array, weighted: Array, root: Array, samples: Sequence[int]) 
             bands.append(Band(float(power[begin:end].sum()), freedom, part.T @ part))
             begin = end
         found.append(bands)
+    return found
+
+
+def axes_of(left: Array, weighted: Array, root: Array, samples: Sequence[int]) -> list[list[Band]]:
+    """Return the three axes of each stream like its bands, see `bands_of`."""
+    found, row = [], 0
+    for count in samples:
+        rows = slice(row, row + 3 * count)
+        row += 3 * count
+        parts = zip(
+            left[rows].reshape(count, 3).T, (weighted[rows] @ root).reshape(count, 3, -1).swapaxes(0, 1), strict=True
+        )
+        found.append([Band(float(of @ of), max(1.0, count - float(np.sum(by**2))), by.T @ by) for of, by in parts])
+    return found
+
+
+def uneven(root: Array, streams: Sequence[Sequence[Band]]) -> Array:
+    """Return the covariance of a fit where the axes of a stream have noise of different sizes; R R^T if none has.
+
+    The fit took the three for equal (White, Econometrica 48 (1980) 817, with one variance for each axis).
+    """
+    strength = np.eye(len(root))
+    for axes in streams:
+        level = sum(band.power for band in axes) / sum(band.freedom for band in axes)
+        more = [band.power / (level * band.freedom) - 1.0 if level else 0.0 for band in axes]
+        if max(abs(of) * np.sqrt(0.5 * band.freedom) for of, band in zip(more, axes, strict=True)) > _UNEVEN:
+            strength += np.sum([of * band.told for of, band in zip(more, axes, strict=True)], axis=0)
+    found: Array = root @ strength @ root.T
     return found
 
 

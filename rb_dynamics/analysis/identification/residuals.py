@@ -116,14 +116,14 @@ class Residuals:
         return self.explained or self.unexplained <= _FOLLOWED
 
 
-def fit_bands(fit: Fit, local: Array | None = None) -> list[list[Band]]:
+def fit_bands(fit: Fit, local: Array | None = None, of: Callable[..., list[list[Band]]] = bands_of) -> list[list[Band]]:
     """Return the bands of each stream of a fit, with its derivatives by coordinates of which `local` are derivatives.
 
-    These are the parameters themselves where none are given.
+    These are the parameters themselves where none are given. With `of=axes_of` they are its axes.
     """
     local = np.eye(fit.weighted.shape[1]) if local is None else local
     root = root_of(covariance_of(fit.weighted @ local))
-    return bands_of(fit.left, fit.weighted, local @ root, [len(each.left) for each in fit.predicted])
+    return of(fit.left, fit.weighted, local @ root, [len(each.left) for each in fit.predicted])
 
 
 def residuals_of(model: Model, fit: Fit, bands: Sequence[Sequence[Band]]) -> list[Residuals]:

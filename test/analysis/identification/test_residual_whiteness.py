@@ -11,9 +11,11 @@ from scipy.special import stdtrit
 
 from rb_dynamics.analysis.identification.residual_whiteness import (
     DOUBT,
+    axes_of,
     bands_of,
     noise_beneath,
     root_of,
+    uneven,
     whiteness,
     widened,
 )
@@ -77,3 +79,24 @@ def test_noise_beneath_residuals_is_told_from_them(kind: str) -> None:
     for change in (0.0, 40.0 * strength * slow):
         assert 0.5 * strength < noise_beneath(noise + change, 0.02, step) < 1.5 * strength
     assert noise_beneath(noise[:10], 0.02, step) == np.inf
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0, 1.0), (0.4, 0.4, 1.6)])
+def test_errors_are_those_of_the_axis_that_tells_where_axes_are_not_equally_noisy(sizes: tuple[float, ...]) -> None:
+    random = np.random.default_rng(5)
+    # Each axis tells a number of its own, and all tell the fourth.
+    by = np.zeros((COUNT, 3, 4))
+    by[:, range(3), range(3)] = random.standard_normal((COUNT, 3))
+    by[:, :, 3] = random.standard_normal((COUNT, 3))
+    rows = by.reshape(3 * COUNT, 4)
+    errors, told = [], []
+    for _ in range(400):
+        noise = (sizes * random.standard_normal((COUNT, 3))).ravel()
+        error, *_ = np.linalg.lstsq(rows, noise, rcond=None)
+        left = noise - rows @ error
+        strength = np.sqrt(left @ left / (len(left) - 4))
+        root = root_of(strength**2 * np.linalg.inv(rows.T @ rows))
+        covariance = uneven(root, axes_of(left / strength, rows / strength, root, [COUNT]))
+        errors.append(error)
+        told.append(np.diag(covariance))
+    assert np.mean(np.square(errors), axis=0) == pytest.approx(np.mean(told, axis=0), rel=0.2)
