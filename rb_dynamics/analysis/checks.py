@@ -212,7 +212,8 @@ def _late(series: TimeSeries, track: Track) -> str:
             late = min(late, int(series.time_ns[0] - other.stamps[of_first].min()))
         if (other := track.bag.topics[last]).stamps_given:
             early = min(early, int(other.stamps[of_last].max() - series.time_ns[-1]))
-    apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else 0.0)
+    longest = float(np.diff(series.time_ns).max(initial=0))
+    apart = max(_APART * 1e9, longest_usual(series.time_ns) if len(series.time_ns) > 3 else longest)
     lacks = [f"it begins {late * 1e-9:.6g} s after the recording does, with {first}"] if late > apart else []
     lacks += [f"it stops {early * 1e-9:.6g} s before the recording does, which goes on with {last}"] * (early > apart)
     return "; ".join(lacks)

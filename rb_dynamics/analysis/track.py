@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.body.rigid_body import RigidBody
+from rb_dynamics.formats.log_metadata import MERGED, SCENE
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag
 from rb_dynamics.logs.messages import is_state_change
-from rb_dynamics.logs.own_log import logged_scene
+from rb_dynamics.logs.own_log import logged_scene, scene_of_text
 from rb_dynamics.logs.stamp_order import BACK_NS, Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
 from rb_dynamics.numerics.nanoseconds import NANOSECONDS
@@ -322,10 +323,15 @@ class Track:
         """The scene of a log of this package."""
         return logged_scene(self.bag.attachments) if self.own else None
 
-    @property
+    @cached_property
     def at_steps(self) -> bool:
-        """Whether this package logged a sample at every step, however long: long intervals are no gaps."""
-        return self.scene is not None and self.scene.output_rate == 0.0
+        """Whether this package logged a sample at every step, however long: long intervals are no gaps.
+
+        A bag made of its logs has their scenes.
+        """
+        of_logs = self.own or MERGED in self.bag.metadata
+        texts = (text for name, text in self.bag.attachments.items() if of_logs and name.endswith(SCENE))
+        return any(scene is not None and scene.output_rate == 0.0 for scene in map(scene_of_text, texts))
 
     def from_imu(self, series: TimeSeries) -> bool:
         """Return whether an IMU measured a series: its attitude is an estimate."""

@@ -258,6 +258,8 @@ def _scenes(sources: Sequence[Source]) -> dict[str, bytes]:
     """Return the scenes of logs of this package, by the names under which they are attached."""
     found: dict[str, bytes] = {}
     for source in sources:
+        if MERGED in source.metadata:
+            found |= {name: text for name, text in source.attachments.items() if name.endswith(f".{SCENE}")}
         if RUN in source.metadata and SCENE in source.attachments:
             stem = source.path.stem
             names = (f"{stem}{end}.{SCENE}" for end in ("", *(f".{k}" for k in range(2, len(found) + 2))))

@@ -177,9 +177,13 @@ def opened_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 def logged_scene(attachments: Mapping[str, bytes]) -> Scene | None:
     """Return the scene in a log; None if there is none, or it needs a plug-in that is not here."""
-    scene = attachments.get(SCENE)
+    return scene_of_text(attachments[SCENE]) if SCENE in attachments else None
+
+
+def scene_of_text(text: bytes) -> Scene | None:
+    """Return the scene that a log has attached; None if it needs a plug-in that is not here."""
     try:
-        return None if scene is None else parse_scene(scene.decode("utf-8", "replace"), overrides=BY_ANY_METHOD)
+        return parse_scene(text.decode("utf-8", "replace"), overrides=BY_ANY_METHOD)
     except RigidBodyError:
         return None
 

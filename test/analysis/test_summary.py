@@ -21,6 +21,7 @@ from rb_dynamics.analysis.summary import RunSummary, summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.mcap_records import McapFile, Message
 from rb_dynamics.formats.mcap_writer import McapWriter
+from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.output_file import OutputFile
 from rb_dynamics.loads.wrench import Wrench
 from rb_dynamics.logs.bag_reader import read_bag
@@ -388,6 +389,30 @@ def test_random_intervals_have_no_gap_and_a_hole_in_them_is_one() -> None:
         assert gaps(np.cumsum(np.rint(steps).astype(np.int64))) == 0
         steps[700] = 40.0 * scale
         assert gaps(np.cumsum(np.rint(steps).astype(np.int64))) == 1
+
+
+def test_a_bag_of_a_log_with_a_sample_at_every_step_is_whole(tmp_path: Path) -> None:
+    """Steps grow where nothing acts; the bag said that a piece was missing there."""
+    scene = parse_scene(
+        "body: {mass: 2, inertia: {diagonal: [0.2, 0.3, 0.4]}}\ninitial: {angular_velocity_body: [0.1, 0.02, 0.03]}\n"
+        "wrenches: [{topic: wrench}]\nduration: 10\noutput_rate: 0\n"
+    )
+    log, bag, again = (tmp_path / f"{name}.mcap" for name in ("log", "bag", "again"))
+    acted = [
+        ("wrench", Wrench((0, 0, 0), (0.1 * (-1) ** k, 0.0, 0.02), "body", 5 * 10**9 + k * 10**8)) for k in range(40)
+    ]
+    simulate(scene, acted, [McapSink(log)])
+    merge([log], bag, (-math.inf, math.inf))
+    merge([bag], again, (-math.inf, math.inf))
+    assert gaps(read_bag(bag).topics["/pose"].log_times)
+    for path in (log, bag, again):
+        assert not failed(summary_of(path)), path
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_few_samples_need_not_reach_the_very_end(bagger: Any, count: int) -> None:
+    rows = [pose(3 * 10**9 * k) for k in range(count)] + [twist(EVERY * k) for k in range(300 * (count - 1) + 150)]
+    assert "/b/pose is whole" not in failed(summary_of(bagger(rows)))
 
 
 def test_a_stream_that_stops_before_the_recording_fails(bagger: Any) -> None:
