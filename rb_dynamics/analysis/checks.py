@@ -195,7 +195,7 @@ def _late(series: TimeSeries, track: Track) -> str:
     By the log times, which all topics have; but one that is logged later may be stamped like the others.
     """
     own = track.bag.topics.get(series.topic)
-    if track.own or own is None or not own.count:
+    if track.own or track.at_steps or own is None or not own.count:
         return ""
     low, high = track.bag.cut_ns or (-(2**63), 2**63 - 1)
     others = [
