@@ -180,7 +180,13 @@ def _channels(track: Track, flown: Track) -> dict[str, RecordedWrench]:
     theirs = {*map(_name, flown.wrenches)} - {*channels.values()}
     channels = names_in_scene([name for name in recorded if name not in channels], theirs) | channels
     scene = None if track.own else flown.scene
-    acts = {each.topic.removeprefix("/"): each for each in (() if scene is None else scene.channels)}
+    # What is in a namespace has the name that the log says, or that of the scene.
+    topics = flown.bag.metadata.get(TOPICS, {})
+    acts = {
+        name.removeprefix("/"): each
+        for each in (() if scene is None else scene.channels)
+        for name in (each.topic, topics.get(each.topic, each.topic))
+    }
     called = [channels.get(name, name) for name in recorded]
     found = zip(called, track.recorded, strict=True)
     return {name: _acting(steps, track.bag, acts.get(name)) for name, steps in found}
@@ -204,7 +210,8 @@ def _within_limits(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
 
 
 def _without_effects(side: dict[str, RecordedWrench], other: dict[str, RecordedWrench]) -> dict[str, RecordedWrench]:
-    return {name: steps for name, steps in side.items() if name in other or not name.startswith("effects/")}
+    # A node in a namespace has them in it.
+    return {name: steps for name, steps in side.items() if name in other or "/effects/" not in f"/{name}"}
 
 
 def _name(steps: RecordedWrench) -> str:

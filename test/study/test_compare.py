@@ -685,6 +685,20 @@ def test_commands_of_a_bag_are_compared_as_the_scene_lets_them_act(tmp_path: Pat
     assert (told.first_ns, told.force, told.torque) == (1_730_000_000, pytest.approx(0.2), 0.0)
 
 
+def test_commands_of_a_bag_of_a_node_in_a_namespace_act_as_its_scene_says(tmp_path: Path) -> None:
+    """Neither delay and timeout of the channel were applied to them, nor was its bias left out: they "differed"."""
+    channel = "{topic: thrust, delay: 0.03, timeout: 0.4, bias: {force: [0, 0, 0.1]}}"
+    scene = rb.parse_scene(SCENE.replace("{topic: thrust}", channel))
+    flown = tmp_path / "flown.mcap"
+    rb.simulate(scene, COMMANDS, [McapSink(flown, namespace="/sat")])
+    commands = [("/sat" + topic, *rest) for topic, *rest in bag_commands()]
+    alone = tmp_path / "alone.mcap"
+    rb.simulate(scene, COMMANDS, [McapSink(alone)])
+    bag = foreign(tmp_path / "bag.mcap", alone, later_ns=LATER, commands=commands)
+    for pair in ((flown, bag), (bag, flown)):
+        assert rb.compare(*pair).commands == []
+
+
 def test_commands_of_a_bag_beyond_the_limits_of_their_channel_are_not_known_without_the_scene(tmp_path: Path) -> None:
     """The log has what acted of them: they "differed" from what was commanded."""
     for excess in ("clip", "reject"):
