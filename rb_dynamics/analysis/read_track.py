@@ -47,7 +47,7 @@ from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.loads.wrench import HeldWrench, Wrench, WrenchFrames, frame_name
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import ATTITUDES, IMUS, POSES, TWISTS, WRENCHES, Bag
-from rb_dynamics.logs.messages import APPLIED, SET_STATE
+from rb_dynamics.logs.messages import APPLIED, SET_STATE, is_state_change
 from rb_dynamics.logs.own_log import logged_scene
 from rb_dynamics.logs.stamp_clock import APART_NS, ClockLine, StampClock, in_bursts
 from rb_dynamics.logs.stamp_order import Disorder, disorder, standing
@@ -271,6 +271,7 @@ class _TrackReader:
             specific_force=self.specific_force,
             wheels=wheels,
             missing=self._missing(own),
+            moved_ns=self._moved(),
         )
         start = track.span_ns[0]
         # A run begins at 0; a later file of a bag, alone, does not.
@@ -622,7 +623,34 @@ class _TrackReader:
 
     def _scalar(self, name: str) -> TimeSeries | None:
         topic = self._named(name, SCALAR)
-        return None if topic is None else self._cleaned("energy", topic, *self.bag.scalars(topic))
+        if topic is None:
+            return None
+        log_times, values = self.bag.scalars(topic)
+        times = self._by_motion(topic, log_times)
+        told = "Energies have no stamps, and log times are of another clock than those of the motion: they follow it."
+        if times is not log_times and told not in self.notes:
+            self.notes.append(told)
+        return self._cleaned("energy", topic, times, values)
+
+    def _moved(self) -> Times:
+        """Return when the body was moved to another state from outside, ascending, by the clock of the motion."""
+        found = [each for each in self.bag.topics.values() if is_state_change(each.name, each.type_name) and each.count]
+        times = [self._by_motion(each.name, each.log_times) for each in found]
+        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *times]))
+
+    def _by_motion(self, topic: str, log_times: Times) -> Times:
+        """Return when messages were that count as they are logged, by the stamps of the motion beside them."""
+        clock = self._clock(topic)
+        if RUN in self.bag.metadata or clock is None or standing(clock.stamps):
+            return log_times
+        line = StampClock.of(clock.log_times, clock.stamps).line
+        if line.one_clock or (line.straight and line.bounded):
+            return log_times if line.one_clock else line.stamps(log_times)
+        order = np.argsort(clock.log_times, kind="stable")
+        logged, late = clock.log_times[order], (clock.log_times - clock.stamps)[order]
+        # Nanoseconds since 1970 are no floats.
+        more = np.interp(log_times - logged[0], logged - logged[0], late - late[0])
+        return log_times - late[0] - np.rint(more).astype(np.int64)
 
     def _named(self, name: str, type_name: str) -> str | None:
         """Return the topic of this name, at whatever depth, next to the pose; None if the motion alone counts."""
@@ -973,7 +1001,9 @@ def _without_repeats(found: Disorder, time_ns: Times, values: Array, order: NDAr
 def _commanded(topic: str) -> bool:
     """Return whether a topic is named like a command rather than a measurement."""
     return (
-        re.search(r"(?:^|[/_])(?:cmd|commands?|goal|set_?point|desired|reference|initialpose)(?:[/_]|$)", topic)
+        re.search(
+            r"(?:^|[/_])(?:cmd|commands?|goal|set_?point|desired|reference|initialpose)(?:[/_]|$)", topic
+        )
         is not None
     )
 

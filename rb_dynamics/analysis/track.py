@@ -14,7 +14,6 @@ from rb_dynamics.body.rigid_body import RigidBody
 from rb_dynamics.formats.log_metadata import MERGED, SCENE
 from rb_dynamics.loads.wrench_channels import Channel
 from rb_dynamics.logs.bag_reader import IMUS, Bag
-from rb_dynamics.logs.messages import is_state_change
 from rb_dynamics.logs.own_log import logged_scene, scene_of_text
 from rb_dynamics.logs.stamp_order import BACK_NS, Disorder, hangs, standing
 from rb_dynamics.numerics.growing_array import give_back
@@ -245,6 +244,8 @@ class Track:
         pointing: angle of the attitude from a target, rad, where one was given.
         wheels: speeds of the reaction wheels, by the clock of the motion, where they were given.
         missing: first and last time of each piece of the recording that is not here, by the clock of the motion.
+        moved_ns: when the body was moved to another state from outside, ascending, by that clock; a sample of that
+            time is from before.
     """
 
     bag: Bag
@@ -275,6 +276,7 @@ class Track:
     friction_heat: TimeSeries | None = None
     wheels: WheelSpeeds | None = None
     missing: tuple[tuple[int, int], ...] = ()
+    moved_ns: Times = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -284,16 +286,6 @@ class Track:
         if not times:
             return 0, 0
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
-
-    @property
-    def moved_ns(self) -> Times:
-        """When the body was moved to another state from outside, ascending; a sample of that time is from before.
-
-        Of a log of this package, also of one that `convert` made a bag of.
-        """
-        topics = self.bag.topics.values()
-        found = [topic.log_times for topic in topics if is_state_change(topic.name, topic.type_name)]
-        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
 
     def moved_before(self, time_ns: Times) -> NDArray[np.bool_]:
         """Return for each sample whether the body was moved to another state since the one before."""

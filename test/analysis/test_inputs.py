@@ -460,3 +460,30 @@ def test_compare_says_where_a_bag_says_how_its_frame_is_fixed_to_the_other(tmp_p
     found = compare(one, tmp_path / "three", scene=tmp_path / "scene.yaml")
     assert not any("one body frame" in each for each in found.notes)
     assert found.differences["linear_velocity"].max < 1e-9
+
+
+@pytest.mark.parametrize("paused_ns", [0, 1_500_000_000])
+def test_what_has_no_stamps_is_put_beside_the_motion_of_a_simulation(paused_ns: int) -> None:
+    """Energies, and states that were set from outside, stood at their log times, years after the motion."""
+    middle = TIMES[COUNT // 2]
+    later = [1_796_000_000_000_000_000 + paused_ns * (t > middle) for t in TIMES]
+    logged = [t + more for t, more in zip(TIMES, later, strict=True)]
+    number = "std_msgs/msg/Float64"
+    moved = of(
+        "nav_msgs/msg/Odometry", header(0, ""), "", of("PoseWithCovariance", pose(POSES[0]), np.zeros(36)),
+        of("TwistWithCovariance", twist(TWISTS[0]), np.zeros(36)),
+    )  # fmt: skip
+    at = 300
+    track = recorded(
+        [
+            ("/sat/pose", "geometry_msgs/msg/PoseStamped", t, message)
+            for t, message in zip(logged, stamped("PoseStamped", POSES, pose, "map"), strict=True)
+        ],
+        [("/sat/energy/kinetic", number, t + 100_000, of(number, 1.0)) for t in logged],
+        [("/sat/rigid_body/set_state", "nav_msgs/msg/Odometry", logged[at] + 100_000, moved)],
+    )
+    assert track.kinetic_energy is not None
+    late = track.kinetic_energy.time_ns - TIMES
+    assert 0 <= late.min() <= late.max() <= 200_000
+    assert 0 <= track.moved_ns[0] - TIMES[at] <= 200_000
+    assert sum("Energies have no stamps" in note for note in track.notes) == 1
