@@ -296,6 +296,8 @@ def _frozen_twist(twist: TimeSeries | None, pose: TimeSeries) -> tuple[tuple[int
 def _repeated(series: TimeSeries) -> list[tuple[int, int]]:
     """Return the first and the last of samples that are the same to the last bit, for much longer than usual."""
     changed = [(np.diff(np.nan_to_num(rows), axis=0) != 0.0).any(axis=1) for rows in in_blocks(series.values, 1)]
+    if not changed:
+        return []
     ends = np.append(np.flatnonzero(np.concatenate(changed)), len(series.values) - 1)
     begins = np.append(0, ends[:-1] + 1)
     # Usually none: then memory for more is not needed.

@@ -487,3 +487,10 @@ def test_what_has_no_stamps_is_put_beside_the_motion_of_a_simulation(paused_ns: 
     assert 0 <= late.min() <= late.max() <= 200_000
     assert 0 <= track.moved_ns[0] - TIMES[at] <= 200_000
     assert sum("Energies have no stamps" in note for note in track.notes) == 1
+
+
+def test_one_message_of_a_twist_is_inspected() -> None:
+    """It ended with a traceback."""
+    track = recorded(PLAIN[0], PLAIN[1][:1])
+    assert track.twist is not None
+    assert len(track.twist.time_ns) == 1
