@@ -1002,7 +1002,7 @@ def _commanded(topic: str) -> bool:
     """Return whether a topic is named like a command rather than a measurement."""
     return (
         re.search(
-            r"(?:^|[/_])(?:cmd|commands?|goal|set_?point|desired|reference|initialpose)(?:[/_]|$)", topic
+            r"(?:^|[/_])(?:cmd|commands?|goal|set_?point|set_state|desired|reference|initialpose)(?:[/_]|$)", topic
         )
         is not None
     )

@@ -494,3 +494,14 @@ def test_one_message_of_a_twist_is_inspected() -> None:
     track = recorded(PLAIN[0], PLAIN[1][:1])
     assert track.twist is not None
     assert len(track.twist.time_ns) == 1
+
+
+def test_a_state_that_is_set_is_no_measured_twist() -> None:
+    """Without another twist, the states that somebody set were taken for one, which contradicted the pose."""
+    kind = "nav_msgs/msg/Odometry"
+    pose_in, twist_in = (
+        of(f"{name}WithCovariance", row, np.zeros(36))
+        for name, row in (("Pose", pose(POSES[0])), ("Twist", twist(TWISTS[0])))
+    )
+    states = [of(kind, header(t, "map"), "base", pose_in, twist_in) for t in TIMES]
+    assert recorded(PLAIN[0], rows_of("/sat/rigid_body/set_state", kind, states)).twist is None
