@@ -55,7 +55,7 @@ from rb_dynamics.logs.stray_stamps import StrayStamps
 from rb_dynamics.logs.topics_of_channels import foreign_to, of_one_body
 from rb_dynamics.logs.unset_stamps import WHEN
 from rb_dynamics.numerics.growing_array import stored
-from rb_dynamics.numerics.rotation_arrays import product, rotate_all
+from rb_dynamics.numerics.rotation_arrays import lengths, product, rotate_all
 from rb_dynamics.scene.model import Scene
 
 # ns by which a command without a stamp may have been recorded too late beside others.
@@ -271,7 +271,7 @@ class _TrackReader:
             specific_force=self.specific_force,
             wheels=wheels,
             missing=self._missing(own),
-            moved_ns=self._moved(),
+            moved_ns=self._moved(pose),
         )
         start = track.span_ns[0]
         # A run begins at 0; a later file of a bag, alone, does not.
@@ -632,11 +632,17 @@ class _TrackReader:
             self.notes.append(told)
         return self._cleaned("energy", topic, times, values)
 
-    def _moved(self) -> Times:
-        """Return when the body was moved to another state from outside, ascending, by the clock of the motion."""
+    def _moved(self, pose: TimeSeries | None) -> Times:
+        """Return when the body was moved to another state from outside, ascending, by the clock of the motion.
+
+        Another program may log it some milliseconds before or after: where the pose leaps near, it was then.
+        """
         found = [each for each in self.bag.topics.values() if is_state_change(each.name, each.type_name) and each.count]
         times = [self._by_motion(each.name, each.log_times) for each in found]
-        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *times]))
+        moved = np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *times]))
+        if pose is None or RUN in self.bag.metadata:
+            return moved
+        return np.unique(np.array([_leap(pose, each) for each in moved.tolist()], dtype=np.int64))
 
     def _by_motion(self, topic: str, log_times: Times) -> Times:
         """Return when messages were that count as they are logged, by the stamps of the motion beside them."""
@@ -996,6 +1002,21 @@ def _without_repeats(found: Disorder, time_ns: Times, values: Array, order: NDAr
     same = (values[one] == values[next_]) | (np.isnan(values[one]) & np.isnan(values[next_]))
     again = next_[(time_ns[one] == time_ns[next_]) & same.reshape(len(one), -1).all(axis=1)]
     return disorder(np.delete(time_ns, again)) if 0 < 2 * len(again) < len(time_ns) else found
+
+
+def _leap(pose: TimeSeries, moved_ns: int) -> int:
+    """Return the sample near a time after which the pose leaps, three times as far as elsewhere; else that time."""
+    first, end = np.searchsorted(pose.time_ns, [moved_ns - APART_NS, moved_ns + APART_NS])
+    times, rows = pose.time_ns[first:end], np.nan_to_num(pose.values[first:end])
+    if len(times) < 4:
+        return moved_ns
+    q = rows[:, 3:]
+    turns = np.minimum(lengths(q[1:] - q[:-1]), lengths(q[1:] + q[:-1]))
+    rates = np.stack([lengths(np.diff(rows[:, :3], axis=0)), turns]) / np.maximum(np.diff(times), 1)
+    least, most = np.sort(rates, axis=1)[:, -2:].T
+    for each in np.flatnonzero(most > 3.0 * least).tolist():
+        return int(times[rates[each].argmax()])
+    return moved_ns
 
 
 def _commanded(topic: str) -> bool:

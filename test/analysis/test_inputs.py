@@ -505,3 +505,21 @@ def test_a_state_that_is_set_is_no_measured_twist() -> None:
     )
     states = [of(kind, header(t, "map"), "base", pose_in, twist_in) for t in TIMES]
     assert recorded(PLAIN[0], rows_of("/sat/rigid_body/set_state", kind, states)).twist is None
+
+
+@pytest.mark.parametrize("late_ns", [-30_000_000, 0, 30_000_000])
+def test_a_body_was_moved_where_its_pose_leaps(late_ns: int) -> None:
+    """Another program logs set_state some milliseconds off, on the other side of a sample: the pose "jumped"."""
+    kind, at = "nav_msgs/msg/Odometry", 300
+    rows = POSES.copy()
+    rows[at + 1 :, :3] += (1.0, -2.0, 0.5)
+    pose_in, twist_in = (
+        of(f"{name}WithCovariance", row, np.zeros(36))
+        for name, row in (("Pose", pose(rows[at + 1])), ("Twist", twist(TWISTS[at + 1])))
+    )
+    state = of(kind, header(0, ""), "", pose_in, twist_in)
+    track = recorded(
+        rows_of("/pose", "geometry_msgs/msg/PoseStamped", stamped("PoseStamped", rows, pose, "map")),
+        [("/set_state", kind, TIMES[at] + late_ns, state)],
+    )
+    assert track.moved_ns.tolist() == [TIMES[at]]
