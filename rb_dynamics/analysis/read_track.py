@@ -656,7 +656,8 @@ class _TrackReader:
         logged, late = clock.log_times[order], (clock.log_times - clock.stamps)[order]
         # Nanoseconds since 1970 are no floats.
         more = np.interp(log_times - logged[0], logged - logged[0], late - late[0])
-        return log_times - late[0] - np.rint(more).astype(np.int64)
+        by_motion: Times = log_times - late[0] - np.rint(more).astype(np.int64)
+        return by_motion
 
     def _named(self, name: str, type_name: str) -> str | None:
         """Return the topic of this name, at whatever depth, next to the pose; None if the motion alone counts."""
