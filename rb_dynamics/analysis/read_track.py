@@ -1069,7 +1069,8 @@ def _steps(
         if found := lags.found:
             moved, times = times[found.among(logged, times)], found.placed(logged, times)
     by_log = (bag.unset.get(topic, 0) + len(moved)) / max(len(times), 1) if stamped else 1.0
-    within_ns = 0 if RUN in bag.metadata else _within_ns(logged, times, by_log, line)
+    late_ns, spread_ns = (0, 0) if RUN in bag.metadata or by_log else _arrival(logged, times)
+    within_ns = 0 if RUN in bag.metadata else max(spread_ns, _within_ns(logged, times, by_log, line))
     far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
     if len(far):
         near = np.flatnonzero(~np.isin(times, far))
@@ -1100,6 +1101,7 @@ def _steps(
         far_ns=tuple(far.tolist()),
         moved_ns=tuple(moved.tolist()),
         within_ns=within_ns,
+        late_ns=late_ns,
     )
 
 
@@ -1109,13 +1111,21 @@ def _within_ns(logged: Times, times: Times, by_log: float, line: ClockLine) -> i
         return max(_LATE_NS, round(1e9 * max(line.error_s, line.ends_s)))
     if by_log:
         return round(min(_LATE_NS, int(np.abs(logged - times).max())) * math.sqrt(by_log))
+    tick = int(np.gcd.reduce(times)) if len(times) else 0
+    return tick if tick < _TICK_NS else 0
+
+
+def _arrival(logged: Times, times: Times) -> tuple[int, int]:
+    """Return how much later than their stamps commands were logged, usually, and how much that varies; ns.
+
+    What takes commands on arrival takes them about then.
+    """
     if not len(times):
-        return 0
-    tick = int(np.gcd.reduce(times))
-    # What takes commands on arrival takes them about when they were logged.
-    own = StampClock.of(logged, times).line
-    late = (logged if own.one_clock else own.stamps(logged)) - times
-    return max(tick if tick < _TICK_NS else 0, min(int(np.median(late)), _LATE_NS))
+        return 0, 0
+    line = StampClock.of(logged, times).line
+    late = (logged if line.one_clock else line.stamps(logged)) - times
+    least, usual, most = np.quantile(late, (0.1, 0.5, 0.9))
+    return round(min(max(usual, 0.0), _LATE_NS)), round(min(most - least, _LATE_NS))
 
 
 def _within(

@@ -9,7 +9,7 @@ it sees smaller changes, in a part of a long recording. Where impulses are not k
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -281,7 +281,16 @@ def residual(track: Track, bound: float) -> Residual | None:
     beyond_noise = math.sqrt(max((relative * scale) ** 2 - noise.level**2, 0.0))
     unknown_times = times_unknown(track)
     doubtful = bool(unknown_times) and not explained
-    mistimed = doubtful and _mistimed(track, body, moving, found, beyond_noise if direct else np.inf)
+
+    def left_by(acting: Track) -> float:
+        """Return what the given inertia leaves beyond noise where commands act at other times."""
+        rows = _left(given, moved, _Pushed.of(acting, "torque", time_ns), stretch)
+        return math.sqrt(max(_rms(rows) ** 2 - noise.level**2, 0.0))
+
+    mistimed = doubtful and (
+        _on_arrival(shown, body, moving, left_by if direct else None)
+        or _mistimed(track, body, moving, found, beyond_noise if direct else np.inf)
+    )
     # A fit that finds an error of a sensor, or of the whole nothing beyond coloured noise, confirms no torque.
     blamed = found is not None and (_share(found, track) < _WHOLE if found.explained else found.pushed)
     turned = RigidBody.from_matrix(body.mass, inertia.tolist(), body.center_of_mass)
@@ -341,17 +350,22 @@ def _actuated(track: Track) -> str:
     return ", ".join(name for name in bag.actuated if name not in told)
 
 
-def late_impulse(track: Track, kind: str) -> float:
-    """Return the impulse of force or torque that is missing where each command acts at a time of its own error."""
-    steps = ((each.within_ns, np.diff(getattr(each, kind), axis=0)) for each in track.wrenches)
-    return math.sqrt(sum((1e-9 * within_ns) ** 2 * float(np.sum(step**2)) for within_ns, step in steps))
+def late_impulse(track: Track, kind: str, late: bool = True) -> float:
+    """Return the impulse of force or torque that is missing where each command acts at a time of its own error.
+
+    With `late` it may act on arrival, too.
+    """
+    offs = [math.hypot(each.within_ns, each.late_ns * late) for each in track.wrenches]
+    steps = (np.diff(getattr(each, kind), axis=0) for each in track.wrenches)
+    return math.sqrt(sum((1e-9 * off) ** 2 * float(np.sum(step**2)) for off, step in zip(offs, steps, strict=True)))
 
 
 def _mass_mistimed(found: FittedMass, track: Track, given: float, speed: float) -> bool:
     """Return whether errors of the times of commands may be why another mass fits better."""
     if found.explained or found.value is None or found.unit:
         return False
-    return abs(found.value - given) * speed <= late_impulse(track, "force")
+    # The fit has a delay beside the mass.
+    return abs(found.value - given) * speed <= late_impulse(track, "force", late=False)
 
 
 def times_unknown(track: Track) -> str:
@@ -392,6 +406,21 @@ def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaS
         if other is None or _CLEAR * np.linalg.norm(other - first) > np.linalg.norm(first):
             return True
     return False
+
+
+def _on_arrival(track: Track, body: RigidBody, moving: TimeSeries, left_by: Callable[[Track], float] | None) -> bool:
+    """Return whether the given inertia may explain the motion if commands act when they were logged.
+
+    `left_by` returns what it leaves of the angular momentum beyond noise; without it, a fit decides.
+    """
+    if not any(each.late_ns for each in track.acting):
+        return False
+    arrived = tuple(replace(each, time_ns=each.time_ns + each.late_ns) for each in track.acting)
+    other = replace(track, by_scene=arrived)
+    if left_by is not None:
+        return left_by(other) <= late_impulse(track, "torque", late=False)
+    found = score_inertia_in_parts(other, body, moving)
+    return found is not None and found.explained
 
 
 def _untold(
