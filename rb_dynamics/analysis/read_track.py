@@ -1125,7 +1125,7 @@ def _arrival(logged: Times, times: Times) -> tuple[int, int]:
     line = StampClock.of(logged, times).line
     late = (logged if line.one_clock else line.stamps(logged)) - times
     least, usual, most = np.quantile(late, (0.1, 0.5, 0.9))
-    return round(min(max(usual, 0.0), _LATE_NS)), round(min(most - least, _LATE_NS))
+    return round(min(usual, _LATE_NS)), round(min(most - least, _LATE_NS))
 
 
 def _within(

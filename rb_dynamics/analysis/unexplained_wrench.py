@@ -381,7 +381,7 @@ def times_unknown(track: Track) -> str:
 
 
 def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaScore | None, left: float) -> bool:
-    """Return whether commands at other times within their errors leave as much.
+    """Return whether commands at other times, each within its error, leave as much.
 
     What a fit found is then not found again, or changes by a part of `_CLEAR`. If it found nothing, it is what is
     `left` (rms, N m s).
@@ -394,7 +394,7 @@ def _mistimed(track: Track, body: RigidBody, moving: TimeSeries, found: InertiaS
 
     first = told(found)
     if found is None or first is None:
-        return left <= late_impulse(track, "torque")
+        return left <= late_impulse(track, "torque", late=False)
     for seed in range(_REFITS):
         random = np.random.default_rng(seed)
         acting = []
