@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -178,24 +179,36 @@ class _Shared:
 
     def __init__(self) -> None:
         self._time_ns = -1
-        self._first: dict[tuple[str, bytes], int] = {}
+        self._written: Counter[tuple[str, bytes]] = Counter()
+        self._seen: Counter[tuple[int, tuple[str, bytes]]] = Counter()
 
     def has(self, number: int, message: Message) -> bool:
-        """Return whether a bag of another number had the same bytes on the same topic at the same time."""
+        """Return whether a bag of another number had the same bytes on the same topic at the same time as often."""
         if message.log_time != self._time_ns:
-            self._time_ns, self._first = message.log_time, {}
-        return self._first.setdefault((message.channel.topic, message.data), number) != number
+            self._time_ns = message.log_time
+            self._written.clear()
+            self._seen.clear()
+        what = message.channel.topic, message.data
+        self._seen[number, what] += 1
+        if self._seen[number, what] <= self._written[what]:
+            return True
+        self._written[what] += 1
+        return False
 
 
 def _part(sources: Sequence[Source], span_ns: tuple[float, float], held: Sequence[_Numbered]) -> Iterator[_Numbered]:
-    """Yield the messages in `span_ns`, and before it those that hold in it: `held`, and latched ones."""
+    """Yield the messages in `span_ns`, and before it, by log time, those that hold in it: `held`, and latched ones."""
+    before: list[_Numbered] | None = []
     for number, message in _by_log_time(sources):
         within = span_ns[0] <= message.log_time <= span_ns[1]
-        if within:
-            yield from held
-            held = []
-        if within or _latched(message.channel):
+        if within and before is not None:
+            yield from sorted([*before, *held], key=lambda each: each[1].log_time)
+            before = None
+        if within or (before is None and _latched(message.channel)):
             yield number, message
+        elif before is not None and _latched(message.channel):
+            before.append((number, message))
+    yield from before or ()
 
 
 def _held(paths: Sequence[Path], begin_ns: float) -> list[_Numbered]:

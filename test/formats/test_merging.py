@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import sqlite3
 from pathlib import Path
@@ -95,6 +96,19 @@ def test_what_overlapping_parts_share_is_there_once(tmp_path: Path) -> None:
     assert content(tmp_path / "again.mcap") == content(bag), "what is twice in one bag is so here"
     merge(parts, tmp_path / "later.mcap", (8 * SECOND, math.inf))
     assert [time_ns // SECOND for time_ns, *_ in content(tmp_path / "later.mcap")] == [7, 9]
+
+
+def test_what_a_part_holds_is_in_the_order_of_time_with_what_is_latched(tmp_path: Path) -> None:
+    """Behind transforms that a later file repeats, a held command came too late to be seen as that of another part."""
+    fixed = transforms([transform(0, "base", "camera", [2.0, 0, 0, 0, 0, 0, 1.0])])
+    rows = [*wrenches("/a", (1, 1, 8)), *(("/tf_static", TF, k * SECOND, fixed) for k in (0, 3, 6))]
+    bag = write_bag(tmp_path / "bag", sorted(rows, key=lambda row: row[2]))
+    parts = [tmp_path / f"{name}.mcap" for name in ("one", "two", "three")]
+    for part, span_s in zip(parts, ((0, 5), (5, 8), (2, 9)), strict=True):
+        merge([bag], part, (span_s[0] * SECOND, span_s[1] * SECOND))
+    for order in itertools.permutations(parts):
+        merge(order, tmp_path / "again.mcap", ALL)
+        assert content(tmp_path / "again.mcap") == content(bag)
 
 
 def test_a_part_knows_what_actuators_do_that_were_commanded_before_it(tmp_path: Path) -> None:
