@@ -204,6 +204,7 @@ class _TrackReader:
         self.uses: dict[str, str] = {}
         self.parent = self.doubt = self.frames_to_choose = ""
         self.specific_force: TimeSeries | None = None
+        self.sampled_ns: Times = np.empty(0, dtype=np.int64)
 
     def track(self, spikes: bool) -> Track:
         found = self._pose(), self._twist()
@@ -221,8 +222,10 @@ class _TrackReader:
             line = self._line(wheels.topic, stamped=False)
             wheels = wheels._replace(time_ns=line.stamps(wheels.time_ns))
         frames = self._frames(world, "" if twist_in_world else of_twist)
-        wrenches, acted = self._wrenches(frames, own)
         moving = pose or twist
+        if moving is not None:
+            self.sampled_ns = np.unique(np.concatenate([each.time_ns for each in (pose, twist) if each is not None]))
+        wrenches, acted = self._wrenches(frames, own)
         effects = unlogged(self.bag.metadata, moving.topic if moving else "")
         if own and effects:
             acted = False
@@ -766,7 +769,7 @@ class _TrackReader:
                 )
                 continue
             log_times, values = self.bag.scalars(mine[0])
-            times, rows = pushes(thruster, self.scene, self._line(mine[0]).stamps(log_times), values)
+            times, rows = pushes(thruster, self.scene, self._line(mine[0]).stamps(log_times), values, self.sampled_ns)
             self.uses[mine[0]] = "commands"
             self.notes.append(f"{mine[0]}: {thruster.name} is taken to have pushed as commanded.")
             yes = np.ones(len(times), dtype=bool)
