@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import RecordedWrench, Times
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import part_ns
 from rb_dynamics.loads.uniform_gravity import UniformGravity
 from rb_dynamics.loads.wrench import Wrench
@@ -100,15 +101,30 @@ def acting_wrenches(
 def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> RecordedWrench:
     """Return commands of which, in a part of a bag, those before the one that is held may still wait in `channel`.
 
-    They are not in the part.
+    They are not in the part; nor is what the channel held if it rejects that one.
     """
     part, topic = part_ns(bag.metadata), bag.topics.get(steps.topic)
-    if part is None or channel is None or not channel.delay_ns or topic is None or not len(steps.time_ns):
+    if part is None or channel is None or topic is None or not topic.count:
         return steps
     if int(topic.log_times.min()) >= part[0]:
         return steps
+    if _rejects(channel, bag, steps.topic):
+        return steps.without([(_LONG_BEFORE_NS, _LONG_BEFORE_NS)])
+    if not channel.delay_ns or not len(steps.time_ns):
+        return steps
     first_ns = int(steps.time_ns[0])
     return steps.without([(first_ns - channel.delay_ns, first_ns)])
+
+
+def _rejects(channel: Channel, bag: Bag, topic: str) -> bool:
+    """Return whether `channel` rejects the first command on `topic`."""
+    if min(channel.max_force, channel.max_torque) == math.inf:
+        return False
+    try:
+        channel.limited(min(bag.wrenches(topic), key=lambda each: each[0])[1])
+    except WrenchError:
+        return True
+    return False
 
 
 def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:

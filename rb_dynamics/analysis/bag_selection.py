@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import Track
-from rb_dynamics.errors import LogError
+from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, TOPICS, UNPLACED
 from rb_dynamics.formats.message_types import INERTIA
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
+from rb_dynamics.loads.thruster import Thruster
 from rb_dynamics.logs.bag_reader import WRENCHES, Bag
 from rb_dynamics.logs.stamp_clock import ClockLine, StampClock
+from rb_dynamics.scene.model import Scene
 
 Window = tuple[float | None, float | None]
 """First and last time, s; None: from the start, or to the end."""
 
 
-def part_of(track: Track, window_s: Window) -> Bag:
+def part_of(track: Track, window_s: Window, scene: Scene | None = None) -> Bag:
     """Return the bag of `track` with what lies in `window_s`.
 
     Times are simulation time of a log of this package, else s since the start of the motion.
     Of each topic of commands, what was held at the beginning is kept too, as are commands that then waited for their
-    delay, and mass properties.
+    delay, and mass properties. In a bag of another program, `scene` says which commands these are.
 
     Raises:
         LogError: nothing of the motion lies in it.
@@ -44,8 +49,12 @@ def part_of(track: Track, window_s: Window) -> Bag:
     if stamped and not track.own and stamped[0].stamps_given:
         line = StampClock.of(stamped[0].log_times, stamped[0].stamps).line
     waits_ns = dict.fromkeys((name for name, t in track.bag.topics.items() if t.type_name in WRENCHES), 0)
-    waits_ns |= dict.fromkeys(track.bag.actuated, 0) | _delays(track)
-    parts = {name: _part(topic, begin, end, line, waits_ns.get(name)) for name, topic in track.bag.topics.items()}
+    waits_ns |= dict.fromkeys(track.bag.actuated, 0) | _waits(track, scene)
+    rejected = {} if track.own else _rejected(track, scene)
+    parts = {
+        name: _part(topic, begin, end, line, waits_ns.get(name), rejected.get(name))
+        for name, topic in track.bag.topics.items()
+    }
     logged = np.concatenate([times for _, times in parts.values()])
     cut_ns = int(logged.min(initial=2**63 - 1)), int(logged.max(initial=-(2**63)))
     topics = {name: topic for name, (topic, _) in parts.items()}
@@ -59,21 +68,49 @@ def part_of(track: Track, window_s: Window) -> Bag:
     return replace(found, cut_ns=cut_ns, window_ns=(begin, end), zero_ns=zero_ns)
 
 
-def _delays(track: Track) -> dict[str, int]:
-    """Return the delay (ns) of the commands on topics of which the scene tells it."""
+def _waits(track: Track, scene: Scene | None) -> dict[str, int]:
+    """Return how long (ns) after commands to each topic what acts may still be that of those before."""
+    if not track.own:
+        found = {each.topic: each.channel.delay_ns for each in track.wrenches if each.channel is not None}
+        for each in () if scene is None else scene.actuators:
+            ramp = max(each.rise, each.fall) if isinstance(each, Thruster) else 0.0
+            found |= dict.fromkeys(track.bag.actuated_of(each), round((each.delay + ramp) * 1e9))
+        return found
     actuators = () if track.scene is None else track.scene.actuators
     found = {name: round(each.delay * 1e9) for each in actuators for name in track.bag.actuated_of(each)}
-    if not track.own:
-        return found | {each.topic: each.channel.delay_ns for each in track.wrenches if each.channel is not None}
     names = track.bag.metadata.get(TOPICS, {})
     channels = () if track.scene is None else track.scene.channels
     return found | {names.get(channel.topic, ""): channel.delay_ns for channel in channels}
 
 
-def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int | None) -> tuple[Topic, Times]:
+def _rejected(track: Track, scene: Scene | None) -> dict[str, NDArray[np.bool_]]:
+    """Return which commands the scene rejects, by topics of a bag of another program: they leave what is held."""
+    found: dict[str, NDArray[np.bool_]] = {}
+    for each in track.wrenches:
+        topic = track.bag.topics.get(each.topic)
+        if topic is not None and topic.type_name in WRENCHES and each.channel is not None:
+            channel = each.channel
+            found[each.topic] = np.array([_fails(channel.limited, w) for _, w in track.bag.wrenches(each.topic)], bool)
+    for actuator in () if scene is None else scene.actuators:
+        for name in track.bag.actuated_of(actuator):
+            found[name] = np.array([_fails(actuator.accept, value) for value in track.bag.scalars(name)[1]], bool)
+    return found
+
+
+def _fails(accept: Callable[[Any], object], command: object) -> bool:
+    try:
+        accept(command)
+    except WrenchError:
+        return True
+    return False
+
+
+def _part(
+    topic: Topic, begin: int, end: int, line: ClockLine, wait: int | None, rejected: NDArray[np.bool_] | None
+) -> tuple[Topic, Times]:
     """Return the messages from `begin` to `end` and those that are kept too, and the log times of the first alone.
 
-    Of commands, those that came less than `wait` before are kept, and the last one before them.
+    Of commands, those that came less than `wait` before are kept, and the last one before them that is not `rejected`.
     """
     if not topic.count:
         return topic, topic.log_times
@@ -84,6 +121,8 @@ def _part(topic: Topic, begin: int, end: int, line: ClockLine, wait: int | None)
     if wait is not None:
         rows |= (times >= begin - wait) & (times < begin)
         before = np.flatnonzero(times < begin - wait)
+        if rejected is not None:
+            before = before[~rejected[before]]
         if len(before):
             rows[before[times[before].argmax()]] = True
     return topic.only(rows | (topic.type_name == INERTIA)), logged

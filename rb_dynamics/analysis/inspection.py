@@ -83,7 +83,7 @@ def inspect(
     known = known or (logged_scene(bag.attachments) if topics.alone else None)
     track = read_track(bag, known, topics)
     if window_s != (None, None):
-        track = read_track(part_of(track, window_s), known, topics)
+        track = read_track(part_of(track, window_s, known), known, topics)
     if aim is None and track.scene is not None:
         errors = (each for each in track.scene.sensors if isinstance(each, AttitudeErrorSensor))
         aim = next((each.aim(each.fixed(track.scene.frames)) for each in errors), None)

@@ -272,6 +272,20 @@ def test_a_part_of_a_bag_begins_with_the_commands_that_wait_for_their_delay(tmp_
     assert verdict(found) == (True, True)
 
 
+def test_a_command_that_was_rejected_before_a_part_leaves_the_one_that_is_held(tmp_path: Path) -> None:
+    """It was taken for the one that is held: nothing acted, and no inertia explained the motion."""
+    rest = "wrenches: [{topic: wrench, max_torque: 0.2}]"
+    bag = flown(tmp_path, rest, [*COMMANDS, ("wrench", Wrench(torque=(0.3, 0, 0), stamp_ns=2 * SECOND))])
+    scene, part = parse_scene(SCENE.format(zz=0.38, rest=rest)), tmp_path / "part.mcap"
+    found = inspect(bag, scene, window_s=(2.5, 7.0))
+    assert found.track.wrenches[0].time_ns.tolist() == [SECOND, 4 * SECOND]
+    assert verdict(found) == (True, True)
+    merge_bags([bag], part, (2.5, None))
+    found = inspect(part, scene)
+    assert all(check.passed for check in found.summary.checks if check.judged)
+    assert not found.track.by_scene[0].known[0], "the bag does not have what is held"
+
+
 def test_a_part_of_a_bag_counts_the_time_of_schedules_from_its_begin(tmp_path: Path) -> None:
     bag = flown(tmp_path, ACTING["schedule"], COMMANDS)
     found = inspect(bag, parse_scene(SCENE.format(zz=0.38, rest=ACTING["schedule"])), window_s=(1.5, 7.0))

@@ -10,7 +10,9 @@ from fired_thrusters import BEGIN, FITTED, SCENE, commands, contained, recorded,
 from foreign_bags import GEOMETRY, Row, header, of, pose, write_bag
 
 import rb_dynamics as rb
+from rb_dynamics.analysis.bag_selection import part_of
 from rb_dynamics.analysis.identification.flights import flight_of
+from rb_dynamics.analysis.impulse import integral
 from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.analysis.thruster_pushes import pushes
@@ -68,6 +70,20 @@ def test_what_was_commanded_before_a_part_acts_in_it(tmp_path: Path, begin_s: fl
     bag = recorded(tmp_path / "bag", scene, 8)
     found = rb.inspect(bag, scene=scene, window_s=(begin_s, 8.0))
     assert not [check.name for check in found.summary.checks if not check.passed]
+
+
+def test_thrusters_do_the_same_in_a_part_as_in_the_whole(tmp_path: Path) -> None:
+    """Commands that wait or still ramp when it begins, and pulses that go on after one that is rejected, were lost."""
+    scene = rb.parse_scene(SCENE.replace("delay: 0.015", "delay: 0.3"))
+    whole = read_track(read_bag(recorded(tmp_path / "bag", scene, 8)), scene)
+    assert whole.pose is not None
+    for begin in range(0, len(whole.pose.time_ns) - 10, 3):
+        sampled = whole.pose.time_ns[begin:]
+        part = read_track(part_of(whole, (float(sampled[0] - BEGIN) * 1e-9, None), scene), scene)
+        acts = {each.topic: each for each in part.wrenches}
+        for each in whole.wrenches:
+            found = [integral(one.time_ns, one.force, sampled) for one in (each, acts[each.topic])]
+            assert np.abs(found[1] - found[0]).max() < 10.0, (each.topic, begin)
 
 
 @pytest.mark.slow
