@@ -23,6 +23,8 @@ from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene
 
 _LONG_BEFORE_NS = -(2**62)
+# A stream of commands has its first one at most so many usual intervals after a recording begins.
+_STREAM = 1.5
 
 
 def channels_of(
@@ -96,6 +98,20 @@ def acting_wrenches(
             if not any(f"/{topic}".endswith(f"/{name}") for topic in recorded)
         ),
     )
+
+
+def in_stream(steps: RecordedWrench, start_ns: int) -> RecordedWrench:
+    """Return commands of another program that are not known from `start_ns` to the first, if that fits their stream.
+
+    A recording that was begun amid a stream lacks the command that was held then.
+    """
+    times = steps.time_ns
+    if len(times) < 3 or steps.topic.endswith(APPLIED):
+        return steps
+    late_ns = int(times[0]) - start_ns
+    if not 0 < late_ns <= _STREAM * np.median(np.diff(times)):
+        return steps
+    return steps.without([(_LONG_BEFORE_NS, _LONG_BEFORE_NS)])
 
 
 def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> RecordedWrench:
