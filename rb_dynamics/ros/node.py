@@ -424,6 +424,10 @@ class RigidBodyNode(Node):
         for reader in readers:
             if reader is not None:
                 self.destroy_subscription(reader)
+        if self.executor is not None:
+            # At an event, such as another publisher, an executor holds all that it waited for, these readers too.
+            with contextlib.suppress(TimeoutException):
+                self.executor.wait_for_ready_callbacks(timeout_sec=0.0, nodes=[])
         self._plain ^= {topic}
         try:
             self._wrench_subscriptions[topic] = self._subscribe(topic)

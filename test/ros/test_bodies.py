@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.waitable import Waitable
 from ros_harness import TRANSIENT, Peer
 from rosgraph_msgs.msg import Clock
 
@@ -114,6 +115,28 @@ def test_a_node_runs_beside_others_in_an_executor_of_ones_own(scene: Path, peer:
     assert bag.metadata["rb_dynamics.result"]["end_time_ns"] == "1500000000"
     assert len(bag.wrenches("/wrench")) > 1
     assert replay(log).identical
+
+
+def test_a_commander_of_wrench_is_heard_when_another_comes_just_then(scene: Path, peer: Peer) -> None:
+    commander = Peer()
+    body = RigidBodyNode(context=peer.context, parameter_overrides=[Parameter("scene", value=str(scene))])
+    executor = SingleThreadedExecutor(context=peer.context)
+    executor.add_node(body)
+    body.runner.start()
+    commands = commander.node.create_publisher(Wrench, "wrench", 10)
+    commander.node.create_publisher(Odometry, "rigid_body/set_state", 10)
+    commander.until(lambda: body.count_publishers("wrench") == 1, "a commander")
+
+    # At the event of the other publisher the executor holds all readers that it waited for.
+    entity: object = None
+    while not isinstance(entity, Waitable):
+        task, entity, _ = executor.wait_for_ready_callbacks(timeout_sec=10.0)
+        task()
+    body.tick()
+    commander.until(lambda: commands.get_subscription_count() == 1, "a reader of Wrench")
+    executor.shutdown()
+    body.destroy_node()
+    commander.close()
 
 
 @pytest.mark.parametrize(
