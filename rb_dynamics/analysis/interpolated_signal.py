@@ -46,13 +46,17 @@ class Signal:
     again: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     @classmethod
-    def of(cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = ()) -> Signal:
+    def of(
+        cls, time_ns: Times, values: Array, missing: Sequence[tuple[int, int]] = (), moved_ns: Sequence[int] = ()
+    ) -> Signal:
         """Return a signal of rows, of which the first counts where several have one time.
 
-        Pieces that are `missing` of a recording (first and last ns) are gaps however short they are.
+        Pieces that are `missing` of a recording (first and last ns) are gaps however short they are. Further rows of a
+        time at which the body was moved (`moved_ns`) are from after the move, and left out.
         """
         times, first, place = np.unique(time_ns, return_index=True, return_inverse=True)
         other = np.flatnonzero((values != values[first[place.reshape(-1)]]).any(axis=1))
+        other = other[~np.isin(time_ns[other], moved_ns)]
         broken = np.diff(times) > longest_usual(times)
         for begin, end in missing:
             broken |= (times[:-1] < end) & (times[1:] > begin)
@@ -172,20 +176,20 @@ class MotionSignals:
     velocity_body: Signal | None = None
 
     @classmethod
-    def of(cls, track: Track) -> MotionSignals:
-        """Return the motion of `track`; columns that nothing measures are NaN in it."""
+    def of(cls, track: Track, moved_ns: Sequence[int] = ()) -> MotionSignals:
+        """Return the motion of `track`; columns that nothing measures are NaN in it. For `moved_ns` see `Signal.of`."""
         pose, twist, missing = track.pose, track.twist, track.missing
 
         def measured(series: TimeSeries | None, columns: slice) -> Signal | None:
             if series is None or not len(series.time_ns) or np.isnan(series.values[:, columns]).any():
                 return None
-            return Signal.of(series.time_ns, series.values[:, columns], missing)
+            return Signal.of(series.time_ns, series.values[:, columns], missing, moved_ns)
 
         position, attitude = measured(pose, slice(0, 3)), None
         if pose is not None:
             filled = np.linalg.norm(pose.values[:, 3:], axis=1) > 0.5
             if filled.any():
-                attitude = Signal.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing)
+                attitude = Signal.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing, moved_ns)
         linear, angular = measured(twist, slice(0, 3)), measured(twist, slice(3, 6))
         if track.twist_in_world:
             turned = [_turned(vectors, attitude, rotate_all_inverse) for vectors in (angular, linear)]

@@ -430,7 +430,10 @@ def compare_tracks(
     Raises:
         LogError: there is nothing to compare at any time.
     """
-    one, other = MotionSignals.of(a.track), MotionSignals.of(b.track).later(-alignment.offset_ns)
+    # A node that stands still shows the new state with the stamp of the old one; its log has only the old one.
+    moved = _moved_ns(a.track, b.track, alignment.offset_ns)
+    one, other = (MotionSignals.of(flight.track, moved[flight is b].tolist()) for flight in (a, b))
+    other = other.later(-alignment.offset_ns)
     zero_ns, clock = _clock(a, b, alignment, one)
     begin_ns = -math.inf if window_s[0] is None else zero_ns + round(window_s[0] * 1e9)
     end_ns = math.inf if window_s[1] is None else zero_ns + round(window_s[1] * 1e9)
@@ -533,11 +536,17 @@ def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[floa
     if one is None or other is None:
         return None
     signals = [
-        Signal.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.missing)
-        for series, track in ((one, a), (other, b))
+        Signal.of(series.time_ns, series.values.reshape(len(series.time_ns), -1), track.missing, moved_ns.tolist())
+        for series, track, moved_ns in zip((one, other), (a, b), _moved_ns(a, b, offset_ns), strict=True)
     ]
     axes = "" if name == "kinetic_energy" else "world"
     return difference(name, axes, signals[0].within(*window_ns), signals[1].later(-offset_ns).within(*window_ns))
+
+
+def _moved_ns(a: Track, b: Track, offset_ns: int) -> tuple[Times, Times]:
+    """Return when either was moved from outside, by the clock of each."""
+    moved_ns = np.concatenate([a.moved_ns, b.moved_ns - offset_ns])
+    return moved_ns, moved_ns + offset_ns
 
 
 def _left_out(
@@ -644,8 +653,8 @@ def _moved(one: Track, other: Track, notes: Sequence[str]) -> list[str]:
         return []
     return [
         f"{name} was moved to another state (set_state) at t = {', '.join(f'{t:.9g}' for t in (times * 1e-9).tolist())}"
-        " s: the motions differ from then on in any case"
-        for name, times in moves.items()
+        f" s: the motions differ from then on {'in any case' if by.own else 'unless the other was so, too'}"
+        for (name, times), by in zip(moves.items(), (other, one), strict=True)
         if len(times)
     ]
 

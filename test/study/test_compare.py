@@ -975,6 +975,27 @@ def test_a_body_that_was_moved_is_told_as_a_cause(folder: Path, log: Path) -> No
     found = rb.compare(log, folder / "moved.mcap")
     told = [note for note in found.notes if "set_state" in note]
     assert told == ["B was moved to another state (set_state) at t = 2 s: the motions differ from then on in any case"]
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_new_state_with_the_stamp_of_the_old_one_is_no_difference(folder: Path, swapped: bool) -> None:
+    """A node that stands still shows the state to which it was moved at once; its log has it on set_state only."""
+    scene, path = rb.parse_scene(SCENE, "test.yaml"), folder / f"moved_{swapped}.mcap"
+    run = rb.Simulation(scene, [McapSink(path)])
+    run.start()
+    run.advance(2_000_000_000)
+    run.set_state(StateChange.to(rb.State(0, (1.0, 0.0, 0.0)), scene.body).at(2_000_000_000))
+    run.advance(4_000_000_000)
+    run.finish()
+    own, bag = (read_track(read_bag(each)) for each in (path, foreign(folder / f"seen_{swapped}.mcap", path)))
+    assert bag.pose is not None
+    at = int(bag.pose.time_ns.searchsorted(2_000_000_000))
+    shown = np.insert(bag.pose.values, at + 1, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], axis=0)
+    pose = replace(bag.pose, time_ns=np.insert(bag.pose.time_ns, at, 2_000_000_000), values=shown)
+    flights = [Given(own, "own"), Given(replace(bag, pose=pose), "bag")]
+    found = compare_tracks(*flights[:: -1 if swapped else 1], Alignment("stamp", 0))
+    assert all(found.differences[name].first_ns is None for name in MOTION)
+    assert any("unless the other was so, too" in note for note in found.notes)
     assert not any("set_state" in note for note in rb.compare(folder / "moved.mcap", folder / "moved.mcap").notes)
 
 
