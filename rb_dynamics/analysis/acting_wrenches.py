@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.track import RecordedWrench, Times
+from rb_dynamics.analysis.track import RecordedWrench, Times, Track
 from rb_dynamics.errors import LogError, WrenchError
 from rb_dynamics.formats.log_metadata import part_ns
 from rb_dynamics.loads.uniform_gravity import UniformGravity
@@ -23,8 +23,6 @@ from rb_dynamics.numerics.vector import ZERO
 from rb_dynamics.scene.model import Scene
 
 _LONG_BEFORE_NS = -(2**62)
-# A stream of commands has its first one at most so many usual intervals after a recording begins.
-_STREAM = 1.5
 
 
 def channels_of(
@@ -100,18 +98,23 @@ def acting_wrenches(
     )
 
 
-def in_stream(steps: RecordedWrench, start_ns: int) -> RecordedWrench:
-    """Return commands of another program that are not known from `start_ns` to the first, if that fits their stream.
+def held_before(track: Track) -> Track | None:
+    """Return the same where what acts before the first command of each topic is not known; None if it is.
 
-    A recording that was begun amid a stream lacks the command that was held then.
+    A recording of another program may begin amid commands, and lack those that were held then. That is not asked of
+    topics whose first command comes in its second half.
     """
-    times = steps.time_ns
-    if len(times) < 3 or steps.topic.endswith(APPLIED):
-        return steps
-    late_ns = int(times[0]) - start_ns
-    if not 0 < late_ns <= _STREAM * np.median(np.diff(times)):
-        return steps
-    return steps.without([(_LONG_BEFORE_NS, _LONG_BEFORE_NS)])
+    start, end = track.span_ns
+    sent = {each.topic for each in track.wrenches if not each.topic.endswith(APPLIED)}
+    late = [
+        each.topic in sent and len(each.time_ns) > 0 and start < each.time_ns[0] <= (start + end) // 2
+        for each in track.acting
+    ]
+    if track.own or not any(late):
+        return None
+    before = [(_LONG_BEFORE_NS, _LONG_BEFORE_NS)]
+    acting = (each.without(before) if at else each for each, at in zip(track.acting, late, strict=True))
+    return replace(track, by_scene=tuple(acting))
 
 
 def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> RecordedWrench:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, in_stream, waiting, which_channel
+from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, waiting, which_channel
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
@@ -281,8 +281,7 @@ class _TrackReader:
         if own and start > 0 and not self.bag.cut_ns and not any(begin < start for begin, _ in track.missing):
             track = replace(track, missing=((0, start), *track.missing))
         if self.scene is not None:
-            begun = [each if own or each.channel is None else in_stream(each, start) for each in wrenches]
-            sent = [waiting(steps, self.bag, steps.channel) for steps in begun]
+            sent = [waiting(steps, self.bag, steps.channel) for steps in wrenches]
             whole = part_ns(self.bag.metadata) is None
             held = acting_wrenches(sent, self.scene, track.missing, track.zero_ns, whole)
             track = replace(track, by_scene=held)

@@ -11,9 +11,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from typing import NamedTuple
 
 import numpy as np
 
+from rb_dynamics.analysis.acting_wrenches import held_before
 from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, missing, off_unit, one_recording, unread
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
@@ -203,24 +205,9 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
     health = _health(bag)
     steady, agreed = continuity(track), agreements(track)
     unsure = _unsure(track, steady, agreed)
-    found, left = tuple(balances(track, bound)), None if unsure or track.unrecorded else residual(track, bound)
     doubt = next((each.doubt for each in agreed if each.doubt), "")
-    of_body = _explained(left)
-    if not all(check.passed for check in of_body):
-        # What the fit of another body or load explains is not put down to correlated noise.
-        found = tuple(each.without_colour() for each in found)
-    judged = [*(balanced(track, each, bound) for each in found), *of_body]
-    # Differences of pose and twist that matter nowhere else would be mistaken for a torque.
-    if doubt and not unsure and not all(check.passed for check in judged):
-        unsure, left = doubt, None
-    if unsure:
-        found = tuple(_unknown(each, unsure) for each in found)
-    elif left is not None and left.explained and track.twist is not None and track.from_imu(track.twist):
-        why = f"{track.twist.topic} has a constant error, as gyros have, with which the inertia explains the motion"
-        found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
-    elif left is not None and left.mistimed:
-        found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
-    found = tuple(_unless_mistimed(track, each, bound) for each in found)
+    judgement = _judged(track, unsure, doubt, bound)
+    found, left, unsure = judgement.balances, judgement.residual, judgement.unsure
     channels = tuple(_channels(track, None if bag.begins_later else health))
     return RunSummary(
         path=str(bag.path),
@@ -255,7 +242,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
-        notes=(*track.notes, *_ended_early(track), *_moves(track), *_epoch(bag)),
+        notes=(*track.notes, *judgement.notes, *_ended_early(track), *_moves(track), *_epoch(bag)),
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
         onboard=used,
@@ -281,6 +268,70 @@ def _unsure(track: Track, steady: Continuity | None, agreed: Sequence[Agreement]
     if steady is not None and steady.frozen:
         return "the pose is frozen for a while"
     return "the pose jumps" if steady is not None and steady.jumps else ""
+
+
+class _Judgement(NamedTuple):
+    """What is judged of a body.
+
+    Attributes:
+        balances: of energy and momenta.
+        residual: what its inertia leaves; None if nothing is judged by it.
+        unsure: why nothing is; "" if something is, or the recording has nothing to judge by.
+        passed: whether balances and body pass.
+        notes: remarks for the reader.
+    """
+
+    balances: tuple[Balance, ...]
+    residual: Residual | None
+    unsure: str
+    passed: bool
+    notes: tuple[str, ...] = ()
+
+
+def _judged(track: Track, unsure: str, doubt: str, bound: float) -> _Judgement:
+    """Return the judgement; if it fails, that without what acts before the first commands, should that pass.
+
+    Args:
+        track: what is judged.
+        unsure: why nothing is.
+        doubt: why nothing is if the body does not explain the motion.
+        bound: as for `summarize`.
+    """
+    first = _judged_by(track, unsure, doubt, bound)
+    begun = None if first.passed or first.residual is None else held_before(track)
+    if begun is None:
+        return first
+    again = _judged_by(begun, unsure, doubt, bound)
+    if not again.passed or again.residual is None or not again.residual.explained or again.residual.untold:
+        return first
+    told = (
+        "It is not known what acts before the first command of a topic: if nothing does, the motion is not explained. "
+        "The recording may have begun amid commands."
+    )
+    return again._replace(notes=(told,))
+
+
+def _judged_by(track: Track, unsure: str, doubt: str, bound: float) -> _Judgement:
+    """Return the judgement by what acts in `track`."""
+    found, left = tuple(balances(track, bound)), None if unsure or track.unrecorded else residual(track, bound)
+    of_body = _explained(left)
+    if not all(check.passed for check in of_body):
+        # What the fit of another body or load explains is not put down to correlated noise.
+        found = tuple(each.without_colour() for each in found)
+    judged = [*(balanced(track, each, bound) for each in found), *of_body]
+    # Differences of pose and twist that matter nowhere else would be mistaken for a torque.
+    if doubt and not unsure and not all(check.passed for check in judged):
+        unsure, left = doubt, None
+    if unsure:
+        found = tuple(_unknown(each, unsure) for each in found)
+    elif left is not None and left.explained and track.twist is not None and track.from_imu(track.twist):
+        why = f"{track.twist.topic} has a constant error, as gyros have, with which the inertia explains the motion"
+        found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
+    elif left is not None and left.mistimed:
+        found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
+    found = tuple(_unless_mistimed(track, each, bound) for each in found)
+    passed = all(check.passed for check in (*(balanced(track, each, bound) for each in found), *_explained(left)))
+    return _Judgement(found, left, unsure, passed)
 
 
 def _unless_mistimed(track: Track, balance: Balance, bound: float) -> Balance:
