@@ -298,11 +298,17 @@ def _judged(track: Track, unsure: str, doubt: str, bound: float) -> _Judgement:
         bound: as for `summarize`.
     """
     first = _judged_by(track, unsure, doubt, bound)
-    begun = None if first.passed or first.residual is None else held_before(track)
-    if begun is None:
+    whole = first.residual
+    begun = None if first.passed or whole is None else held_before(track)
+    if begun is None or whole is None:
         return first
     again = _judged_by(begun, unsure, doubt, bound)
-    if not again.passed or again.residual is None or not again.residual.explained or again.residual.untold:
+    left = again.residual
+    if not again.passed or left is None:
+        return first
+    # Another inertia that explains the whole is not given up because the times of commands hide it in a part.
+    hidden = not whole.explainable and (left.mistimed or whole.untold)
+    if not hidden and (not left.explained or left.untold):
         return first
     told = (
         "It is not known what acts before the first command of a topic: if nothing does, the motion is not explained. "
