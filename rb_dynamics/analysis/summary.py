@@ -335,15 +335,20 @@ def _judged_by(track: Track, unsure: str, doubt: str, bound: float) -> _Judgemen
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, why) for each in found)
     elif left is not None and left.mistimed:
         found = tuple(each if balanced(track, each, bound).passed else _unknown(each, left.untold) for each in found)
-    found = tuple(_unless_mistimed(track, each, bound) for each in found)
+    found = tuple(_unless_mistimed(track, each, left, bound) for each in found)
     passed = all(check.passed for check in (*(balanced(track, each, bound) for each in found), *_explained(left)))
     return _Judgement(found, left, unsure, passed)
 
 
-def _unless_mistimed(track: Track, balance: Balance, bound: float) -> Balance:
-    """Return a balance of linear momentum as unknown if errors of the times of commands may leave all that is left."""
-    failed = balance.name == "linear momentum" and not balanced(track, balance, bound).passed
-    if failed and balance.worst <= _ALONG_PATH * late_impulse(track, "force"):
+def _unless_mistimed(track: Track, balance: Balance, left: Residual | None, bound: float) -> Balance:
+    """Return a balance of momentum as unknown if errors of the times of commands may leave all that is left.
+
+    That of angular momentum is not, where a body or a torque is found that explains what is left.
+    """
+    kind = {"linear momentum": "force", "angular momentum": "torque"}.get(balance.name)
+    if kind is None or balanced(track, balance, bound).passed or (kind == "torque" and not (left and left.untold)):
+        return balance
+    if balance.worst <= _ALONG_PATH * late_impulse(track, kind):
         return _unknown(balance, f"{times_unknown(track)} would explain what is left as well")
     return balance
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from noisy_recordings import scene_of
 from tumbling import Tumble, bag_of, fill
 
 from rb_dynamics import MemorySink, Setpoint, TopicChoice, Wrench, inspect, simulate
+from rb_dynamics.analysis.checks import balanced
+from rb_dynamics.analysis.momentum_energy_balance import balances
 from rb_dynamics.analysis.read_track import read_track
-from rb_dynamics.analysis.summary import EXPLAINS, MASS_EXPLAINS, summarize
+from rb_dynamics.analysis.summary import EXPLAINS, MASS_EXPLAINS, _unless_mistimed, summarize
 from rb_dynamics.analysis.unexplained_wrench import Residual, residual
 from rb_dynamics.cli import main
 from rb_dynamics.logs.bag_reader import read_bag
@@ -417,6 +420,36 @@ def test_exact_motion_under_forces_at_rounded_times_fails_no_balance(bagger: Any
     moved = next(check for check in found.checks if check.name == "linear momentum balance")
     assert not moved.judged
     assert "rounded or stray" in moved.detail
+
+
+def test_angular_momentum_that_late_commands_may_leave_fails_only_where_a_cause_is_found(bagger: Any) -> None:
+    """Beside "cannot tell", the balance of an exact pose and gyro failed under commands without stamps."""
+    scene = parse_scene(f"{BODY.replace('MATRIX', str(TRUE.tolist()))}\nwrenches: [{{topic: wrench}}]\nduration: 10\n")
+    random = np.random.default_rng(4)
+    sent = [
+        ("wrench", Wrench((0.0, 0.0, 0.0), tuple((0.3 * random.standard_normal(3)).tolist()), "base", at))
+        for at in np.sort(random.integers(500_000_000, 9_500_000_000, 20)).tolist()
+    ]
+    simulate(scene, sent, [memory := MemorySink()])
+    rows: list[Any] = []
+    for sample in memory.samples:
+        t, pose = sample.time_ns, (*sample.position_world, *sample.orientation_xyzw)
+        rows.append(("/b/pose", "geometry_msgs/msg/PoseStamped", t, (t, "world", pose)))
+        turn, speed = np.array([sample.orientation_xyzw]), np.array([sample.linear_velocity_world])
+        spin = (*rotate_all_inverse(turn, speed)[0].tolist(), *sample.angular_velocity_body)
+        rows.append(("/b/twist", "geometry_msgs/msg/TwistStamped", t, (t, "base", spin)))
+    for _, wrench in sent:
+        logged = int(wrench.stamp_ns) + int(random.integers(100_000, 300_000))
+        rows.append(
+            ("/b/wrench", "geometry_msgs/msg/WrenchStamped", logged, (0, "base", (*wrench.force, *wrench.torque)))
+        )
+    track = read_track(read_bag(bagger(rows)), scene)
+    left = residual(track, 1e-6)
+    assert left is not None
+    found = next(each for each in balances(track, 1e-6) if each.name == "angular momentum").without_colour()
+    assert not balanced(track, found, 1e-6).passed
+    assert _unless_mistimed(track, found, replace(left, untold="it hides"), 1e-6).covered == 0.0
+    assert _unless_mistimed(track, found, replace(left, untold=""), 1e-6) is found
 
 
 @pytest.mark.parametrize(("arrival", "least_ms"), [(True, 0.2), (True, -80.0), (False, 5.0)])
