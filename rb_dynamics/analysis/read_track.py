@@ -223,8 +223,11 @@ class _TrackReader:
             wheels = wheels._replace(time_ns=line.stamps(wheels.time_ns))
         frames = self._frames(world, "" if twist_in_world else of_twist)
         moving = pose or twist
-        if moving is not None:
-            self.sampled_ns = np.unique(np.concatenate([each.time_ns for each in (pose, twist) if each is not None]))
+        sampled = [each.time_ns for each in (pose, twist) if each is not None]
+        if not sampled and self.beside is not None:
+            sampled = [self.beside.stamps]
+        if sampled:
+            self.sampled_ns = np.unique(np.concatenate(sampled))
         wrenches, acted = self._wrenches(frames, own)
         effects = unlogged(self.bag.metadata, moving.topic if moving else "")
         if own and effects:

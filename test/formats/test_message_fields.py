@@ -88,7 +88,8 @@ def test_a_known_name_with_other_fields_is_another_type(tmp_path: Path, caplog: 
 
 def test_messages_of_other_fields_are_not_merged_under_one_definition(tmp_path: Path) -> None:
     one = write(tmp_path / "one.mcap", ("/state", STATE, "float64 speed\nfloat64 voltage\n", bytes(20)))
-    same = write(tmp_path / "same.mcap", ("/state", STATE, "float64 speed # m/s\nfloat64 voltage # V\n", bytes(20)))
+    text = "float64 speed # m/s\nfloat64 voltage # V\n"
+    same = write(tmp_path / "same.mcap", ("/state", STATE, text, bytes(19) + b"\1"))
     other = write(tmp_path / "other.mcap", ("/state", STATE, "float64 voltage\nfloat64 speed\n", bytes(20)))
     assert merge([one, same], tmp_path / "all.mcap", (-math.inf, math.inf)).messages == 2
     with pytest.raises(LogError, match="topic /state is my_msgs/msg/State of other fields in one bag than in another"):
