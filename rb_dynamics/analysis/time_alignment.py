@@ -35,6 +35,8 @@ _MOST, _INSTANTS, _ALIKE, _SURELY = 32, 2000, 0.3, 3.0
 _AROUND, _REACHES = 4, 4
 # The most steps of Newton's method, and steps of the search within which it must stay to count.
 _ROUNDS, _FARTHEST = 20, 400
+# Offsets so many times as far as the nearest that is excluded are excluded, too.
+_BEYOND = (1.0, 1.5, 2.0, 3.0, 4.0)
 # So many samples later, what remains shares no sample with what remains now.
 _LATER = 5
 # Part of the time that both cover to which a lag must be known.
@@ -321,7 +323,8 @@ def _within(signals: list[_SignalPair], offset_ns: int, step_ns: int, reach_ns: 
 
     An offset is excluded if the sum of its scores is beyond two standard deviations, the root of the sum of their
     squares (White, Econometrica 48 (1980) 817), and so without the slope, which noise may hide (Anderson & Rubin,
-    Annals of Mathematical Statistics 20 (1949) 46).
+    Annals of Mathematical Statistics 20 (1949) 46). Where noise hides most of the slopes, offsets farther away may be
+    in again.
     """
 
     def excluded(at_ns: int) -> bool:
@@ -331,7 +334,7 @@ def _within(signals: list[_SignalPair], offset_ns: int, step_ns: int, reach_ns: 
     deviations = _deviations(*_scores(signals, offset_ns, step_ns, reach_ns))
     by_ns = max(1.0, _SECOND * deviations if np.isfinite(deviations) else 1e-3 * step_ns)
     while by_ns < _FARTHEST * step_ns:
-        if all(excluded(offset_ns + side * round(by_ns)) for side in (-1, 1)):
+        if all(excluded(offset_ns + side * round(far * by_ns)) for far in _BEYOND for side in (-1, 1)):
             return by_ns / _SECOND
         by_ns *= 1.25
     return np.inf

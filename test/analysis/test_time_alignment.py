@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -62,6 +64,22 @@ def test_as_many_lags_of_slow_noisy_motions_lie_within_what_is_said_as_should() 
         assert found.uncertainty_s is not None
         beyond += abs(found.offset_ns - later_ns) * 1e-9 > 1.5 * found.uncertainty_s  # three standard deviations
     assert beyond <= 1
+
+
+@pytest.mark.parametrize("seed", [10, 45, 51])
+def test_a_lag_is_not_known_better_where_noise_hides_most_of_the_slopes(seed: int) -> None:
+    """Of a nearly steady spin the lags that are excluded are no interval: the true one was beyond the first of them."""
+    generator = np.random.default_rng(seed)
+    later_ns = int(generator.integers(-(10**9), 10**9))
+    frequency, phase, size = generator.uniform(0.02, 0.06), generator.uniform(0, 6), generator.uniform(1e-3, 4e-3)
+    both = []
+    for times in (np.arange(2000) * 10_000_000, np.arange(2000) * 10_000_000 + 3_000_000):
+        turned = 2e-9 * np.pi * frequency * times + phase
+        rates = np.stack([size * np.sin(turned), size * np.cos(turned), np.full(len(times), -0.25)], axis=1)
+        both.append(MotionSignals(rate=Signal.of(times, rates + 1e-3 * generator.standard_normal(rates.shape))))
+    with contextlib.suppress(LogError):
+        found = best_lag(both[0], both[1].later(later_ns))
+        assert found.uncertainty_s is None or abs(found.offset_ns - later_ns) * 1e-9 < 1.5 * found.uncertainty_s
 
 
 def test_an_outlier_of_the_attitude_and_noise_of_poses_do_not_move_the_lag() -> None:
