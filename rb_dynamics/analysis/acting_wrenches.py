@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +128,8 @@ def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> Recorde
         return steps
     if int(topic.log_times.min()) >= part[0]:
         return steps
-    if _rejects(channel, bag, steps.topic):
+    limited = min(channel.max_force, channel.max_torque) < math.inf
+    if limited and rejects(channel.limited, min(bag.wrenches(steps.topic), key=lambda each: each[0])[1]):
         return steps.without([(_LONG_BEFORE_NS, _LONG_BEFORE_NS)])
     if not channel.delay_ns or not len(steps.time_ns):
         return steps
@@ -135,12 +137,10 @@ def waiting(steps: RecordedWrench, bag: Bag, channel: Channel | None) -> Recorde
     return steps.without([(first_ns - channel.delay_ns, first_ns)])
 
 
-def _rejects(channel: Channel, bag: Bag, topic: str) -> bool:
-    """Return whether `channel` rejects the first command on `topic`."""
-    if min(channel.max_force, channel.max_torque) == math.inf:
-        return False
+def rejects(accept: Callable[[Any], object], command: object) -> bool:
+    """Return whether a channel or an actuator rejects a command, by what `accept` raises."""
     try:
-        channel.limited(min(bag.wrenches(topic), key=lambda each: each[0])[1])
+        accept(command)
     except WrenchError:
         return True
     return False

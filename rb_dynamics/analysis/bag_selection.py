@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rb_dynamics.analysis.acting_wrenches import rejects
 from rb_dynamics.analysis.track import Track
-from rb_dynamics.errors import LogError, WrenchError
+from rb_dynamics.errors import LogError
 from rb_dynamics.formats.log_metadata import DAMAGED, INTERRUPTED, TOPICS, UNPLACED
 from rb_dynamics.formats.message_types import INERTIA
 from rb_dynamics.formats.topic_messages import KEPT, Times, Topic
@@ -90,19 +89,11 @@ def _rejected(track: Track, scene: Scene | None) -> dict[str, NDArray[np.bool_]]
         topic = track.bag.topics.get(each.topic)
         if topic is not None and topic.type_name in WRENCHES and each.channel is not None:
             channel = each.channel
-            found[each.topic] = np.array([_fails(channel.limited, w) for _, w in track.bag.wrenches(each.topic)], bool)
+            found[each.topic] = np.array([rejects(channel.limited, w) for _, w in track.bag.wrenches(each.topic)], bool)
     for actuator in () if scene is None else scene.actuators:
         for name in track.bag.actuated_of(actuator):
-            found[name] = np.array([_fails(actuator.accept, value) for value in track.bag.scalars(name)[1]], bool)
+            found[name] = np.array([rejects(actuator.accept, value) for value in track.bag.scalars(name)[1]], bool)
     return found
-
-
-def _fails(accept: Callable[[Any], object], command: object) -> bool:
-    try:
-        accept(command)
-    except WrenchError:
-        return True
-    return False
 
 
 def _part(
