@@ -241,6 +241,16 @@ class Flight:
         streams = (stream.rows(slice(*np.searchsorted(stream.time_ns, [first_ns, end_ns]))) for stream in self.streams)
         return replace(self, streams=tuple(streams), notes=())
 
+    def since_first_commands(self) -> Flight | None:
+        """Return what was measured since every channel had a command; None if they had from the start, or too late.
+
+        A recording may begin amid commands, and lack those that were held then.
+        """
+        first, last = self.span_ns
+        begun = [at for each in self.channels for at in each.time_ns[:1].tolist() if first < at <= (first + last) // 2]
+        kept = [stream for stream in self.streams if begun and (stream.time_ns >= max(begun)).sum() >= _FEWEST]
+        return replace(self, streams=tuple(kept)).between(max(begun), last + 1) if kept else None
+
     def turning(self, wheels: WheelSpeeds) -> Flight:
         """Return the same with the speeds of wheels, without a second or less at an end that has none.
 

@@ -6,12 +6,13 @@ assumed to be known to about its own size; it counts as determined if the record
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -85,6 +86,10 @@ _HIDDEN = 0.05
 _OPEN = 30.0
 # Fits of one body differ by chance as much as that in one of ten thousand recordings only.
 _CHANCE_OF_ONE_BODY = 1e-4
+_BEGUN = (
+    "it is not known what acts before the first command of a topic: if nothing does, the motion is not explained. The "
+    "recording may have begun amid commands; only what was measured from then on is fitted"
+)
 # Times the noise that the quickest changes show, what noise alone leaves at most.
 _ONLY_NOISE = 1.3
 # More of them explain anything.
@@ -363,18 +368,86 @@ def identify(
     for flight in (*flights, *held_out):
         flight.require_dense()
     flights, held_out = ([flight.require_agreement() for flight in some] for some in (flights, held_out))
-    model = Model(known, flights, names or _default(flights))
+    settings = _Settings(starts, loss, seed)
+    result, report = _fitted_to_whole_or_part(known, flights, names, settings, progress)
+    if held_out:
+        bare, result = result, _validated(result, report, held_out, settings)
+        if result.validated is False and (begun := _since_first_commands(held_out)):
+            with contextlib.suppress(LogError):
+                again = _validated(bare, report, begun, settings)
+                result = replace(again, notes=(*again.notes, _BEGUN)) if again.validated else result
+    return result
+
+
+class _Settings(NamedTuple):
+    """Settings of fits, as of `identify`."""
+
+    starts: int
+    loss: str
+    seed: int
+
+
+def _since_first_commands(flights: Sequence[Flight]) -> list[Flight]:
+    """Return the flights since their first commands; none if no flight has any that came after its start."""
+    parts = [flight.since_first_commands() for flight in flights]
+    return [part or flight for part, flight in zip(parts, flights, strict=True)] if any(parts) else []
+
+
+def _fitted_to_whole_or_part(
+    scene: Scene,
+    flights: Sequence[Flight],
+    names: Sequence[str],
+    settings: _Settings,
+    progress: Callable[[float], None] | None,
+) -> tuple[Identification, _Report]:
+    """Return the fit to flights; to what was measured since their first commands, if only that is explained."""
+    try:
+        found = _fitted_to(scene, flights, names, settings, progress)
+    except LogError:
+        if part := _fitted_to_part(scene, flights, names, settings):
+            return part
+        raise
+    return found if found[0].explained else _fitted_to_part(scene, flights, names, settings) or found
+
+
+def _fitted_to_part(
+    scene: Scene, flights: Sequence[Flight], names: Sequence[str], settings: _Settings
+) -> tuple[Identification, _Report] | None:
+    """Return the fit to what was measured since the first commands; None if there is no such part or it fails, too."""
+    begun = _since_first_commands(flights)
+    if not begun:
+        return None
+    with contextlib.suppress(LogError):
+        found, report = _fitted_to(scene, begun, names, settings)
+        if found.explained:
+            return replace(found, notes=(_BEGUN, *found.notes)), report
+    return None
+
+
+def _fitted_to(
+    scene: Scene,
+    flights: Sequence[Flight],
+    names: Sequence[str],
+    settings: _Settings,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Identification, _Report]:
+    model = Model(scene, flights, names or _default(flights))
     # A fit waits for its kernel: without it each flight takes a hundred times as long.
     with counted_by(Tally()):
-        result, report = _completed(model, fitted(model, starts, loss, seed, progress), names, loss)
-    if held_out:
-        rest = predicting(report.model, report.z, result.scene, held_out)
-        alone = fitted(rest, 1, loss, seed)
-        left = tuple(residuals_of(rest, alone, fit_bands(alone)))
-        result = replace(result, validation=left, notes=(*result.notes, *_notes_of(held_out)))
-        if result.validated is False:
-            result = replace(result, chance=_chance_of_one_body(report, held_out, starts, loss, seed))
-    return result
+        return _completed(model, fitted(model, *settings, progress), names, settings.loss)
+
+
+def _validated(
+    result: Identification, report: _Report, held_out: Sequence[Flight], settings: _Settings
+) -> Identification:
+    """Return the same with what it leaves of recordings that were held out."""
+    rest = predicting(report.model, report.z, result.scene, held_out)
+    alone = fitted(rest, 1, settings.loss, settings.seed)
+    left = tuple(residuals_of(rest, alone, fit_bands(alone)))
+    result = replace(result, validation=left, notes=(*result.notes, *_notes_of(held_out)))
+    if result.validated is not False:
+        return result
+    return replace(result, chance=_chance_of_one_body(report, held_out, *settings))
 
 
 def _require_different(flights: Sequence[Flight]) -> None:

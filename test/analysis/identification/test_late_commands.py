@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_rows import write_rows
 from foreign_bags import GEOMETRY, Row, header, of, write_bag
 from scipy.spatial.transform import Rotation
 
 import rb_dynamics as rb
+from rb_dynamics.formats.bag_source import open_source
 
 BEGIN = 1_700_000_000 * 10**9
 
@@ -70,3 +72,15 @@ def test_times_that_are_exact_widen_little(tmp_path: Path) -> None:
     found = rb.identify(scene, [str(bag)], ["inertia"])
     assert len(errors(found, scene)) == 6
     assert not told(found)
+
+
+def test_a_recording_that_begins_amid_commands_is_fitted_from_the_next_on(tmp_path: Path) -> None:
+    """What was held when it began is not in it; nothing was taken to act, and the model did not explain the motion."""
+    scene, bag = pushed(tmp_path / "bag", 3, (0.0, 0.0))
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    begun = write_rows(tmp_path / "begun.mcap", [row for row in rows if row[2] >= BEGIN + 2 * 10**9])
+    found = rb.identify(scene, [str(begun)], ["inertia"])
+    assert found.explained
+    assert len(errors(found, scene)) == 6
+    assert max(map(abs, errors(found, scene))) < 3.5
+    assert any("amid commands" in note for note in found.notes)
