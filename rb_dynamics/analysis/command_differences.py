@@ -21,6 +21,20 @@ from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
+# ns, about, from when one program has a message to when another has.
+_HEARD_NS = 1_000_000
+# Why commands on some channels are not said to differ.
+_LAGGED = (
+    "are not compared: what acted followed them with a lag, and the two recordings do not say what acted at the same "
+    "times"
+)
+_IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
+_ON_ARRIVAL = (
+    "differ in nothing but when they act, by milliseconds: a node takes them on arrival, unless it is told otherwise, "
+    "and the bag has their stamps"
+)
+_TOO_OFTEN = "are not compared: they act on arrival or at their stamps, and come too often to tell"
+
 
 @dataclass(frozen=True)
 class CommandDifference:
@@ -73,8 +87,10 @@ def command_differences(
     if doubts := [f"in {name} {track.doubt}" for name, track in (("A", a), ("B", b)) if track.doubt]:
         return None, [f"Commands are not compared: {'; '.join(doubts)}."]
     one, other = _sides(a, b)
-    devices = [] if a.own == b.own else [each.name for each in _actuators(a if a.own else b)]
-    one, other = ({name: side[name] for name in side if name not in devices} for side in (one, other))
+    log = a if a.own else b
+    devices = [] if a.own == b.own else [each.name for each in _actuators(log)]
+    pushing = {_plain(log.bag.called(name + APPLIED)) for name in devices}
+    one, other = ({name: side[name] for name in side if name not in pushing} for side in (one, other))
     pairs = [(name, one.get(name), other.get(name)) for name in dict.fromkeys((*one, *other))]
     told = _not_compared(devices)
     left = [[name for name in names if name not in others] for names, others in ((one, other), (other, one))]
@@ -95,8 +111,8 @@ def command_differences(
             return None, told
         if np.isfinite(alignment.uncertainty_s):
             tolerance_ns = round(2e9 * alignment.uncertainty_s)
-    found, hidden = _of_wrenches(pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps)
-    told += hidden
+    found, others = _of_wrenches(pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps)
+    told += [f"Commands on {', '.join(names)} {why}." for why, names in others.items()]
     if a.own and b.own:
         found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
     unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
@@ -112,7 +128,7 @@ def command_differences(
             f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel, "
             "which --scene SCENE applies, wait in it where a part of a bag begins, or be in a missing piece."
         )
-    return found if found or not (unknown or devices or hidden or limited) else None, told
+    return found if found or not (unknown or devices or limited or others.keys() - {_ON_ARRIVAL}) else None, told
 
 
 def _of_wrenches(
@@ -122,32 +138,49 @@ def _of_wrenches(
     span_ns: tuple[int, int],
     tolerance_ns: int,
     gaps: Sequence[tuple[int, int]],
-) -> tuple[list[CommandDifference], list[str]]:
-    """Return the channels that hold different wrenches within `span_ns`, and what cannot be compared."""
-    found, uncompared, hidden, told = [], [], [], []
+) -> tuple[list[CommandDifference], dict[str, list[str]]]:
+    """Return the channels that hold different wrenches within `span_ns`, and others by why they are not said to."""
+    found, told = list[CommandDifference](), dict[str, list[str]]()
     for name, x, y in pairs:
         times = None
         # A channel on which nothing ever acted is known at all times.
         if x and y and len(x.time_ns) and len(y.time_ns) and sampled & {x.topic, y.topic}:
             times = _common_times(x, y, offset_ns, span_ns)
             if tolerance_ns or not len(times):
-                uncompared.append(name)
+                told.setdefault(_LAGGED, []).append(name)
                 continue
-        compared = partial(_compared, name, x, y, offset_ns, span_ns, tolerance_ns, times)
-        if (differs := compared(gaps=gaps)) is not None:
+        compared = partial(_compared, name, offset_ns=offset_ns, span_ns=span_ns, only=times)
+        differs = compared(x, y, tolerance_ns=tolerance_ns)
+        if differs is None:
+            continue
+        if gaps and (differs := compared(x, y, tolerance_ns=tolerance_ns, gaps=gaps)) is None:
+            told.setdefault(_IN_GAPS, []).append(name)
+            continue
+        within_ns = max(tolerance_ns, _arrive_within(x, y))
+        if within_ns == tolerance_ns or compared(_arrived(x), _arrived(y), tolerance_ns=within_ns, gaps=gaps):
             found.append(differs)
-        elif gaps and compared() is not None:
-            hidden.append(name)
-    if uncompared:
-        told.append(
-            f"Commands on {', '.join(uncompared)} are not compared: what acted followed them with a lag, and the two "
-            "recordings do not say what acted at the same times."
-        )
-    if hidden:
-        told.append(
-            f"Commands on {', '.join(hidden)} differ only within gaps of the motion, where they may be missing, too."
-        )
+        else:
+            told.setdefault(_TOO_OFTEN if _often(x, y, within_ns) else _ON_ARRIVAL, []).append(name)
     return found, told
+
+
+def _arrive_within(x: RecordedWrench | None, y: RecordedWrench | None) -> int:
+    """Return how well is known when commands arrived, ns, where one is of a log and the other has stamps; 0 if not."""
+    if x is None or y is None or x.topic.endswith(APPLIED) == y.topic.endswith(APPLIED):
+        return 0
+    bag = y if x.topic.endswith(APPLIED) else x
+    # A node does not hear them when another recorder does.
+    return 2 * bag.late_within_ns + _HEARD_NS if bag.late_ns or bag.late_within_ns else 0
+
+
+def _arrived(steps: RecordedWrench | None) -> RecordedWrench | None:
+    return steps and replace(steps, time_ns=steps.time_ns + steps.late_ns)
+
+
+def _often(x: RecordedWrench | None, y: RecordedWrench | None, within_ns: int) -> bool:
+    """Return whether commands come so often that times `within_ns` would hide what differs."""
+    intervals = [np.diff(steps.time_ns) for steps in (x, y) if steps is not None and len(steps.time_ns) > 1]
+    return any(float(np.median(each)) < 2.0 * within_ns for each in intervals)
 
 
 def _not_compared(devices: Sequence[str]) -> list[str]:
@@ -215,7 +248,11 @@ def _without_effects(side: dict[str, RecordedWrench], other: dict[str, RecordedW
 
 
 def _name(steps: RecordedWrench) -> str:
-    return steps.topic.removesuffix(APPLIED).removeprefix("/")
+    return _plain(steps.topic)
+
+
+def _plain(topic: str) -> str:
+    return topic.removesuffix(APPLIED).removeprefix("/")
 
 
 def _of_actuators(

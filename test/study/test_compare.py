@@ -27,6 +27,7 @@ from rb_dynamics.analysis.recording_differences import MOTION, Given, compare_tr
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.cli import main
 from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import POSE, WRENCH
 from rb_dynamics.logs.bag_reader import read_bag
@@ -328,7 +329,8 @@ def test_commands_to_actuators_of_a_foreign_bag_are_said_not_to_be_compared(fold
     )
     log, number = folder / "jets.mcap", "std_msgs/msg/Float64"
     push = [("wrench", rb.Wrench((0.1, 0.0, 0.0), stamp_ns=k * 10**9)) for k in range(5)]
-    rb.simulate(scene, [*push, ("jet/command", rb.Setpoint(1.0, 2 * 10**9))], [McapSink(log)])
+    sent = [*push, ("jet/command", rb.Setpoint(1.0, 2 * 10**9))]
+    rb.simulate(scene, sent, [McapSink(log)])
     rows = [
         (f"/{name}/command", number, 2 * 10**9, cdr.encode(number, (value,)))
         for name, value in (("jet", 1.0), ("wh", 0.01))
@@ -344,6 +346,11 @@ def test_commands_to_actuators_of_a_foreign_bag_are_said_not_to_be_compared(fold
         found = rb.compare(*pair, align="stamp") if scene not in pair else rb.compare(*pair)
         assert found.commands is None
         assert any("Commands to jet, wh are not compared" in note for note in found.notes)
+    spaced = folder / "jets_of_a_namespace.mcap"
+    rb.simulate(scene, sent, [McapSink(spaced, namespace="/sat")])
+    found = rb.compare(spaced, bag, align="stamp")
+    assert found.commands is None
+    assert any("Commands to jet, wh are not compared" in note for note in found.notes)
 
 
 def test_what_follows_with_a_lag_is_compared_at_common_times_only(folder: Path) -> None:
@@ -683,6 +690,39 @@ def test_commands_of_a_bag_are_compared_as_the_scene_lets_them_act(tmp_path: Pat
     (told,) = rb.compare(flown, other, align="start").commands or ()
     assert told.topic == "thrust"
     assert (told.first_ns, told.force, told.torque) == (1_730_000_000, pytest.approx(0.2), 0.0)
+
+
+@pytest.mark.parametrize("often", [False, True])
+def test_commands_that_acted_on_arrival_do_not_differ_from_those_stamped_before(tmp_path: Path, often: bool) -> None:
+    """A node takes them so by default: each "differed" from the bag beside it for less than a millisecond."""
+    random = np.random.default_rng(4)
+    times = 500_000_000 + np.arange(1000) * 3_000_000 if often else [wrench.stamp_ns for _, wrench in COMMANDS]
+    sent = [("/thrust", int(at), tuple(random.normal(size=6).tolist())) for at in times]
+
+    def recorded(name: str, push: list[tuple[str, int, tuple[float, ...]]]) -> Path:
+        bag = foreign(tmp_path / f"stamped_{name}", flown, later_ns=LATER, commands=push)
+        messages = ((m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages())
+        heard = [
+            (topic, kind, at + int(random.integers(300_000, 900_000)) * (topic == "/thrust"), data)
+            for topic, kind, at, data in messages
+        ]
+        return write_rows(tmp_path / name, sorted(heard, key=lambda row: row[2]))
+
+    flown = tmp_path / "flown.mcap"
+    arrived = [
+        ("thrust", rb.Wrench(push[:3], push[3:], "body", at + int(random.integers(300_000, 900_000))))
+        for _, at, push in sent
+    ]
+    rb.simulate(rb.parse_scene(SCENE), arrived, [McapSink(flown)])
+    bag = recorded("bag.mcap", sent)
+    for pair in ((flown, bag), (bag, flown)):
+        found = rb.compare(*pair)
+        assert found.commands == (None if often else [])
+        assert any(("come too often" if often else "nothing but when they act") in note for note in found.notes)
+    if not often:
+        sent[1] = (*sent[1][:2], (*sent[1][2][:5], 0.0))
+        (told,) = rb.compare(flown, recorded("other.mcap", sent)).commands or ()
+        assert told.topic == "thrust"
 
 
 def test_commands_of_a_bag_of_a_node_in_a_namespace_act_as_its_scene_says(tmp_path: Path) -> None:
