@@ -127,6 +127,7 @@ def _commands(track: Track, channels: Sequence[ChannelHistory]) -> list[str]:
 
 
 def _fell_silent(channel: ChannelHistory) -> bool:
-    if channel.usual_s is None or channel.held_s is None or (channel.received or 0) < _REGULAR:
+    # Commands to a node that is paused come all at one time, at no rate.
+    if not channel.usual_s or channel.held_s is None or (channel.received or 0) < _REGULAR:
         return False
     return channel.held_s > max(LONG_INTERVALS * channel.usual_s, LONG_S)

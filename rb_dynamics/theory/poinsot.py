@@ -143,7 +143,7 @@ class Herpolhode:
 
     Attributes:
         kind: of its polhode.
-        period: of its distance from L and of the polhode, s; infinite on the separatrix, 0 for a point.
+        period: of the polhode, s; the distance from L repeats in half of it. Infinite on the separatrix, 0 for a point.
         inner_radius: least distance from L, rad/s; 0 on the separatrix.
         outer_radius: largest distance from L, rad/s.
         advance: angle about L in one period, rad; may be more than 2 pi. Infinite on the separatrix, 0 for a point.

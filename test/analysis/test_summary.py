@@ -129,6 +129,15 @@ def test_a_channel_that_falls_silent_is_warned_of(flown: Callable[..., Any]) -> 
     assert any(said in each for each in summary.warnings)
 
 
+def test_commands_that_a_paused_node_takes_at_one_time_came_at_no_rate(flown: Callable[..., Any]) -> None:
+    """Of a channel that fell silent later, "before, they came every 0 s" was said."""
+    at_once = [("push", Wrench((float(k), 0.0, 0.0), frame_id="world", stamp_ns=500_000_000)) for k in range(20)]
+    summary = summary_of(flown(at_once).log)
+    (channel,) = (each for each in summary.channels if each.topic == "/push")
+    assert channel.received == 20
+    assert not any("no more commands" in each for each in summary.warnings)
+
+
 @pytest.mark.parametrize(
     ("topic", "count", "last_force"),
     [("push", 2, 1.0), ("push", 28, 1.0), ("push", 10, 0.0), ("thrust", 10, 1.0)],
