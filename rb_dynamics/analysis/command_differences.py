@@ -21,8 +21,8 @@ from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
-# ns, about, from when one program has a message to when another has.
-_HEARD_NS = 1_000_000
+# ns by which a node may hear a command after another program stamped or recorded it.
+_ARRIVAL_NS = 50_000_000
 # Why commands on some channels are not said to differ.
 _LAGGED = (
     "are not compared: what acted followed them with a lag, and the two recordings do not say what acted at the same "
@@ -30,10 +30,9 @@ _LAGGED = (
 )
 _IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
 _ON_ARRIVAL = (
-    "differ in nothing but when they act, by milliseconds: a node takes them on arrival, unless it is told otherwise, "
-    "and the bag has their stamps"
+    f"differ in nothing but when they act, by less than {_ARRIVAL_NS // 10**6} ms: a node takes them on arrival, "
+    "unless it is told otherwise, and the bag has their stamps or when they were recorded"
 )
-_TOO_OFTEN = "are not compared: they act on arrival or at their stamps, and come too often to tell"
 
 
 @dataclass(frozen=True)
@@ -156,31 +155,65 @@ def _of_wrenches(
         if gaps and (differs := compared(x, y, tolerance_ns=tolerance_ns, gaps=gaps)) is None:
             told.setdefault(_IN_GAPS, []).append(name)
             continue
-        within_ns = max(tolerance_ns, _arrive_within(x, y))
-        if within_ns == tolerance_ns or compared(_arrived(x), _arrived(y), tolerance_ns=within_ns, gaps=gaps):
-            found.append(differs)
+        if times is None and _act_on_arrival(x, y, offset_ns, span_ns, tolerance_ns, gaps):
+            told.setdefault(_ON_ARRIVAL, []).append(name)
         else:
-            told.setdefault(_TOO_OFTEN if _often(x, y, within_ns) else _ON_ARRIVAL, []).append(name)
+            found.append(differs)
     return found, told
 
 
-def _arrive_within(x: RecordedWrench | None, y: RecordedWrench | None) -> int:
-    """Return how well is known when commands arrived, ns, where one is of a log and the other has stamps; 0 if not."""
+def _act_on_arrival(
+    x: RecordedWrench | None,
+    y: RecordedWrench | None,
+    offset_ns: int,
+    span_ns: tuple[int, int],
+    tolerance_ns: int,
+    gaps: Sequence[tuple[int, int]],
+) -> bool:
+    """Return whether what acted in a log is what a bag has, one after the other, but for when each began to act.
+
+    Those at the ends of `span_ns` and in `gaps` may be in one alone, and so may what was rejected or is not understood.
+    """
     if x is None or y is None or x.topic.endswith(APPLIED) == y.topic.endswith(APPLIED):
-        return 0
-    bag = y if x.topic.endswith(APPLIED) else x
-    # A node does not hear them when another recorder does.
-    return 2 * bag.late_within_ns + _HEARD_NS if bag.late_ns or bag.late_within_ns else 0
+        return False
+    loose = [(at - _ARRIVAL_NS, at + _ARRIVAL_NS) for at in span_ns] + list(gaps)
+    log, bag = _changes(x, 0, span_ns), _changes(y, offset_ns, span_ns)
+    sent = y
+    if y.topic.endswith(APPLIED):
+        log, bag, sent = bag, log, x
+    earliest_ns = -tolerance_ns - sent.within_ns
+    while log or bag:
+        (at, acts), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
+        if log and bag and acts == commanded and earliest_ns <= at - stamp < _ARRIVAL_NS:
+            log.pop()
+            bag.pop()
+        elif bag and commanded is None:
+            bag.pop()
+            # Backwards in time: what acted since is that of the command, if it was accepted.
+            while log and log[-1][0] >= stamp and not (bag and log[-1][1] == bag[-1][1]):
+                log.pop()
+        elif log and (not bag or at >= stamp) and any(begin <= at <= end for begin, end in loose):
+            log.pop()
+        elif bag and any(begin <= stamp <= end for begin, end in loose):
+            bag.pop()
+        else:
+            return False
+    return True
 
 
-def _arrived(steps: RecordedWrench | None) -> RecordedWrench | None:
-    return steps and replace(steps, time_ns=steps.time_ns + steps.late_ns)
-
-
-def _often(x: RecordedWrench | None, y: RecordedWrench | None, within_ns: int) -> bool:
-    """Return whether commands come so often that times `within_ns` would hide what differs."""
-    intervals = [np.diff(steps.time_ns) for steps in (x, y) if steps is not None and len(steps.time_ns) > 1]
-    return any(float(np.median(each)) < 2.0 * within_ns for each in intervals)
+def _changes(steps: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> list[tuple[int, bytes | None]]:
+    """Return when each wrench begins to act within `span_ns`, ascending, and its bytes; None if it is not known."""
+    acts = steps.force.any(axis=1) | steps.torque.any(axis=1)
+    # No zero has a sign or axes.
+    rows = np.column_stack([steps.force, steps.torque, steps.world & acts]) + 0.0
+    found: list[tuple[int, bytes | None]] = [(span_ns[0], np.zeros(rows.shape[1]).tobytes())]
+    for at, row, known in zip((steps.time_ns - offset_ns).tolist(), rows, steps.known.tolist(), strict=True):
+        wrench = row.tobytes() if known else None
+        if at <= span_ns[0]:
+            found = [(span_ns[0], wrench)]
+        elif at < span_ns[1] and wrench != found[-1][1]:
+            found.append((at, wrench))
+    return found
 
 
 def _not_compared(devices: Sequence[str]) -> list[str]:

@@ -1075,7 +1075,7 @@ def _steps(
         if found := lags.found:
             moved, times = times[found.among(logged, times)], found.placed(logged, times)
     by_log = (bag.unset.get(topic, 0) + len(moved)) / max(len(times), 1) if stamped else 1.0
-    late_ns, spread_ns, most_ns = (0, 0, 0) if RUN in bag.metadata or by_log else _arrival(logged, times)
+    late_ns, spread_ns = (0, 0) if RUN in bag.metadata or by_log else _arrival(logged, times)
     within_ns = 0 if RUN in bag.metadata else max(spread_ns, _within_ns(logged, times, by_log, line))
     far = np.empty(0, np.int64) if RUN in bag.metadata else strays(times)
     if len(far):
@@ -1108,7 +1108,6 @@ def _steps(
         moved_ns=tuple(moved.tolist()),
         within_ns=within_ns,
         late_ns=late_ns,
-        late_within_ns=most_ns,
     )
 
 
@@ -1122,18 +1121,17 @@ def _within_ns(logged: Times, times: Times, by_log: float, line: ClockLine) -> i
     return tick if tick < _TICK_NS else 0
 
 
-def _arrival(logged: Times, times: Times) -> tuple[int, int, int]:
-    """Return how much later than their stamps commands were logged, how much that varies, usually and at most; ns.
+def _arrival(logged: Times, times: Times) -> tuple[int, int]:
+    """Return how much later than their stamps commands were logged, usually, and how much that varies; ns.
 
     What takes commands on arrival takes them about then.
     """
     if not len(times):
-        return 0, 0, 0
+        return 0, 0
     line = StampClock.of(logged, times).line
     late = (logged if line.one_clock else line.stamps(logged)) - times
     least, usual, most = np.quantile(late, (0.1, 0.5, 0.9))
-    usually, varies, at_most = (min(each, _LATE_NS) for each in (usual, most - least, np.abs(late - usual).max()))
-    return round(usually), round(varies), round(at_most)
+    return round(min(usual, _LATE_NS)), round(min(most - least, _LATE_NS))
 
 
 def _within(

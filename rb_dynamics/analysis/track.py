@@ -161,7 +161,6 @@ class RecordedWrench:
         moved_ns: stamps that are as far, and not those at which the rows take effect: these follow the log times.
         within_ns: how far off times may be, each by itself, as of commands without stamps or with rounded ones.
         late_ns: by how much later all rows take effect if it is on arrival.
-        late_within_ns: by how much more or less some of them do.
     """
 
     topic: str
@@ -180,7 +179,6 @@ class RecordedWrench:
     moved_ns: tuple[int, ...] = ()
     within_ns: int = 0
     late_ns: int = 0
-    late_within_ns: int = 0
 
     def faults(self, start_ns: int) -> list[str]:
         """Return what is wrong with the stamps, as text; times count from `start_ns`."""
