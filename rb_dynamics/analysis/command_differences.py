@@ -114,11 +114,13 @@ def command_differences(
     told += [f"Commands on {', '.join(names)} {why}." for why, names in others.items()]
     if a.own and b.own:
         found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
-    unknown = sorted({steps.topic for track in (a, b) for steps in track.wrenches if not steps.known.all()})
+    doubtful = [(steps.topic, track) for track in (a, b) for steps in track.wrenches if not steps.known.all()]
+    unknown = sorted({topic for topic, _ in doubtful})
     if unknown:
+        remedy = "; --scene SCENE says what frames are" if any(track.by_scene is None for _, track in doubtful) else ""
         told.append(
             f"Not all commands on {', '.join(unknown)} are compared: some are in frames that are not declared, or are "
-            "no usable numbers; --scene SCENE says what frames are."
+            f"no usable numbers{remedy}."
         )
     sides = (steps for side in (one, other) for steps in side.values())
     limited = sorted({steps.topic for steps in sides if not steps.known.all()} - {*unknown})

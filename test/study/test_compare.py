@@ -848,6 +848,11 @@ def test_commands_that_are_not_understood_are_unknown_and_a_lag_makes_no_differe
     strange = foreign(folder / "strange.mcap", log, later_ns=LATER, commands=tenfold, frame="base_link")
     unknown = rb.compare(log, strange, align=LATER / 1e9)
     assert unknown.commands is None
+    # A scene that was given and does not say it is no remedy.
+    for given_scene in (None, rb.parse_scene(SCENE)):
+        notes = rb.compare(log, strange, align=LATER / 1e9, scene=given_scene).notes
+        (note,) = (each for each in notes if each.startswith("Not all commands on"))
+        assert ("--scene" in note) == (given_scene is None)
     assert any("frames that are not declared" in note for note in unknown.notes)
 
 
