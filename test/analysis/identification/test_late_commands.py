@@ -74,13 +74,28 @@ def test_times_that_are_exact_widen_little(tmp_path: Path) -> None:
     assert not told(found)
 
 
+def part(bag: Path, name: str, first_s: float, end_s: float) -> Path:
+    """Return what another program would have recorded of the flight of `bag` in that time."""
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    span = range(BEGIN + round(first_s * 1e9), BEGIN + round(end_s * 1e9))
+    return write_rows(bag.parent / name, [row for row in rows if row[2] in span])
+
+
 def test_a_recording_that_begins_amid_commands_is_fitted_from_the_next_on(tmp_path: Path) -> None:
     """What was held when it began is not in it; nothing was taken to act, and the model did not explain the motion."""
     scene, bag = pushed(tmp_path / "bag", 3, (0.0, 0.0))
-    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
-    begun = write_rows(tmp_path / "begun.mcap", [row for row in rows if row[2] >= BEGIN + 2 * 10**9])
+    begun = part(bag, "begun.mcap", 2.0, 11.0)
     found = rb.identify(scene, [str(begun)], ["inertia"])
     assert found.explained
     assert len(errors(found, scene)) == 6
     assert max(map(abs, errors(found, scene))) < 3.5
+    assert any("amid commands" in note for note in found.notes)
+
+
+def test_a_fit_is_validated_by_what_begins_amid_commands(tmp_path: Path) -> None:
+    """It "did not predict" the motion before the first of them."""
+    scene, bag = pushed(tmp_path / "bag", 5, (0.0, 0.0))
+    first, second = part(bag, "first.mcap", 0.0, 4.5), part(bag, "second.mcap", 4.5, 11.0)
+    found = rb.identify(scene, [str(first)], ["inertia"], validate=[str(second)])
+    assert found.validated
     assert any("amid commands" in note for note in found.notes)
