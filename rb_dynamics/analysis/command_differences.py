@@ -29,10 +29,6 @@ _LAGGED = (
     "times"
 )
 _IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
-_ON_ARRIVAL = (
-    f"differ in nothing but when they act, by less than {_ARRIVAL_NS // 10**6} ms: a node takes them on arrival, "
-    "unless it is told otherwise, and the bag has their stamps or when they were recorded"
-)
 
 
 @dataclass(frozen=True)
@@ -110,8 +106,16 @@ def command_differences(
             return None, told
         if np.isfinite(alignment.uncertainty_s):
             tolerance_ns = round(2e9 * alignment.uncertainty_s)
-    found, others = _of_wrenches(pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps)
+    found, others, late_ns = _of_wrenches(
+        pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps
+    )
     told += [f"Commands on {', '.join(names)} {why}." for why, names in others.items()]
+    if late_ns:
+        told.append(
+            f"Commands on {', '.join(late_ns)} differ in nothing but when they act, by up to "
+            f"{max(late_ns.values()) * 1e-6:.3g} ms: a node takes them on arrival, unless it is told otherwise, and the "
+            "bag has their stamps or when they were recorded."
+        )
     if a.own and b.own:
         found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
     doubtful = [(steps.topic, track) for track in (a, b) for steps in track.wrenches if not steps.known.all()]
@@ -129,7 +133,7 @@ def command_differences(
             f"Not all commands on {', '.join(limited)} are compared: some may be beyond the limits of their channel, "
             "which --scene SCENE applies, wait in it where a part of a bag begins, or be in a missing piece."
         )
-    return found if found or not (unknown or devices or limited or others.keys() - {_ON_ARRIVAL}) else None, told
+    return found if found or not (unknown or devices or limited or others) else None, told
 
 
 def _of_wrenches(
@@ -139,9 +143,12 @@ def _of_wrenches(
     span_ns: tuple[int, int],
     tolerance_ns: int,
     gaps: Sequence[tuple[int, int]],
-) -> tuple[list[CommandDifference], dict[str, list[str]]]:
-    """Return the channels that hold different wrenches within `span_ns`, and others by why they are not said to."""
-    found, told = list[CommandDifference](), dict[str, list[str]]()
+) -> tuple[list[CommandDifference], dict[str, list[str]], dict[str, int]]:
+    """Return the channels that hold different wrenches within `span_ns`.
+
+    Beside them are others by why they are not said to, and by how much later the same acted on the rest, at most, ns.
+    """
+    found, told, late_ns = list[CommandDifference](), dict[str, list[str]](), dict[str, int]()
     for name, x, y in pairs:
         times = None
         # A channel on which nothing ever acted is known at all times.
@@ -157,36 +164,38 @@ def _of_wrenches(
         if gaps and (differs := compared(x, y, tolerance_ns=tolerance_ns, gaps=gaps)) is None:
             told.setdefault(_IN_GAPS, []).append(name)
             continue
-        if times is None and _act_on_arrival(x, y, offset_ns, span_ns, tolerance_ns, gaps):
-            told.setdefault(_ON_ARRIVAL, []).append(name)
-        else:
+        late = None if times is not None else _on_arrival(x, y, offset_ns, span_ns, tolerance_ns, gaps)
+        if late is None:
             found.append(differs)
-    return found, told
+        else:
+            late_ns[name] = late
+    return found, told, late_ns
 
 
-def _act_on_arrival(
+def _on_arrival(
     x: RecordedWrench | None,
     y: RecordedWrench | None,
     offset_ns: int,
     span_ns: tuple[int, int],
     tolerance_ns: int,
     gaps: Sequence[tuple[int, int]],
-) -> bool:
-    """Return whether what acted in a log is what a bag has, one after the other, but for when each began to act.
+) -> int | None:
+    """Return by how much later than in a bag the same acted in a log, one after the other, at most, ns; None if others.
 
     Those at the ends of `span_ns` and in `gaps` may be in one alone, and so may what was rejected or is not understood.
     """
     if x is None or y is None or x.topic.endswith(APPLIED) == y.topic.endswith(APPLIED):
-        return False
+        return None
     loose = [(at - _ARRIVAL_NS, at + _ARRIVAL_NS) for at in span_ns] + list(gaps)
     log, bag = _changes(x, 0, span_ns), _changes(y, offset_ns, span_ns)
     sent = y
     if y.topic.endswith(APPLIED):
         log, bag, sent = bag, log, x
-    earliest_ns = -tolerance_ns - sent.within_ns
+    earliest_ns, most_ns = -tolerance_ns - sent.within_ns, 0
     while log or bag:
         (at, acts), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
         if log and bag and acts == commanded and earliest_ns <= at - stamp < _ARRIVAL_NS:
+            most_ns = max(most_ns, abs(at - stamp))
             log.pop()
             bag.pop()
         elif bag and commanded is None:
@@ -199,8 +208,8 @@ def _act_on_arrival(
         elif bag and any(begin <= stamp <= end for begin, end in loose):
             bag.pop()
         else:
-            return False
-    return True
+            return None
+    return most_ns
 
 
 def _changes(steps: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> list[tuple[int, bytes | None]]:

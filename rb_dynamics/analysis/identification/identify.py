@@ -375,7 +375,7 @@ def identify(
         if result.validated is False and (begun := _since_first_commands(held_out)):
             with contextlib.suppress(LogError):
                 again = _validated(bare, report, begun, settings)
-                result = replace(again, notes=(*again.notes, _BEGUN)) if again.validated else result
+                result = replace(again, notes=(*again.notes, _BEGUN)) if _near_noise(again.validation) else result
     return result
 
 
@@ -419,9 +419,14 @@ def _fitted_to_part(
         return None
     with contextlib.suppress(LogError):
         found, report = _fitted_to(scene, begun, names, settings)
-        if found.explained:
+        if _near_noise(found.residuals):
             return replace(found, notes=(_BEGUN, *found.notes)), report
     return None
+
+
+def _near_noise(left: Sequence[Residuals]) -> bool:
+    """Return whether no more is left than noise leaves: a part that is chosen must not hide what the whole shows."""
+    return all(each.times_noise <= _ONLY_NOISE for each in left)
 
 
 def _fitted_to(
@@ -516,7 +521,7 @@ def _completed(model: Model, fit: Fit, names: Sequence[str], loss: str) -> tuple
         return result, report
     of_segments = _Report(model, fit.joined._replace(starts=fit.starts, agreeing=fit.agreeing), names)
     found = of_segments.identification()
-    if any(each.times_noise > _ONLY_NOISE for each in found.residuals):
+    if not _near_noise(found.residuals):
         return result, report
     whole = result.converged and result.explained
     if whole and chance_of_one_body(report.estimate, of_segments.estimate) > _CHANCE_OF_ONE_BODY:

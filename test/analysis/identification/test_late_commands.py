@@ -99,3 +99,14 @@ def test_a_fit_is_validated_by_what_begins_amid_commands(tmp_path: Path) -> None
     found = rb.identify(scene, [str(first)], ["inertia"], validate=[str(second)])
     assert found.validated
     assert any("amid commands" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("seed", "factor", "end_s"), [(4, 1.05, 5.0), (4, 1.02, 11.0), (6, 1.02, 11.0)])
+def test_no_cut_explains_a_wrong_body(tmp_path: Path, seed: int, factor: float, end_s: float) -> None:
+    """What was left after the first command was less than 5 times the noise: it passed, though nothing was missing."""
+    scene, bag = pushed(tmp_path / "bag", seed, (0.0, 0.0))
+    matrix = (factor * np.array(scene.body.inertia)).tolist()
+    wrong = rb.parse_scene(scene.text, "wrong.yaml", {"body.inertia.matrix": matrix})
+    flight, start = part(bag, "flight.mcap", 0.0, end_s), part(bag, "start.mcap", 0.0, 1.0)
+    assert not rb.identify(wrong, [str(flight)], ["initial"]).explained
+    assert rb.identify(wrong, [str(start)], ["initial"], validate=[str(flight)]).validated is False
