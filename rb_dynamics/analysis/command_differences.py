@@ -113,8 +113,8 @@ def command_differences(
     if late_ns:
         told.append(
             f"Commands on {', '.join(late_ns)} differ in nothing but when they act, by up to "
-            f"{max(late_ns.values()) * 1e-6:.3g} ms: a node takes them on arrival, unless it is told otherwise, and the "
-            "bag has their stamps or when they were recorded."
+            f"{max(late_ns.values()) * 1e-6:.3g} ms: a node takes them on arrival, unless it is told otherwise, and "
+            "the bag has their stamps or when they were recorded."
         )
     if a.own and b.own:
         found += _of_actuators(a, b, alignment.offset_ns, span_ns, tolerance_ns)
