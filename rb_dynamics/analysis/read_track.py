@@ -20,6 +20,7 @@ from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, w
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
+from rb_dynamics.analysis.stalls import stalls
 from rb_dynamics.analysis.thruster_pushes import pushes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -278,13 +279,19 @@ class _TrackReader:
             wheels=wheels,
             missing=self._missing(own),
             moved_ns=self._moved(pose),
+            stalls=() if own or pose is None else stalls(pose),
         )
         start = track.span_ns[0]
         # A run begins at 0; a later file of a bag, alone, does not.
         if own and start > 0 and not self.bag.cut_ns and not any(begin < start for begin, _ in track.missing):
             track = replace(track, missing=((0, start), *track.missing))
         if self.scene is not None:
-            sent = [waiting(steps, self.bag, steps.channel) for steps in wrenches]
+            stood = [each[:2] for each in track.stalls]
+            # A channel keeps the time of its simulator, which stood still, too: commands may act for longer, or later.
+            sent = [
+                steps.without(stood) if stood and _keeps_time(steps.channel) else steps
+                for steps in (waiting(steps, self.bag, steps.channel) for steps in wrenches)
+            ]
             whole = part_ns(self.bag.metadata) is None
             held = acting_wrenches(sent, self.scene, track.missing, track.zero_ns, whole)
             track = replace(track, by_scene=held)
@@ -1024,6 +1031,10 @@ def _leap(pose: TimeSeries, moved_ns: int) -> int:
     for each in np.flatnonzero(most > 3.0 * least).tolist():
         return int(times[rates[each].argmax()])
     return moved_ns
+
+
+def _keeps_time(channel: Channel | None) -> bool:
+    return channel is not None and bool(channel.timeout or channel.delay or channel.lag)
 
 
 def _commanded(topic: str) -> bool:

@@ -545,7 +545,7 @@ def _logged(name: str, a: Track, b: Track, offset_ns: int, window_ns: tuple[floa
 
 def _moved_ns(a: Track, b: Track, offset_ns: int) -> tuple[Times, Times]:
     """Return when either was moved from outside, by the clock of each."""
-    moved_ns = np.concatenate([a.moved_ns, b.moved_ns - offset_ns])
+    moved_ns = np.concatenate([a.breaks_ns, b.breaks_ns - offset_ns])
     return moved_ns, moved_ns + offset_ns
 
 

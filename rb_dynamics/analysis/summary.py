@@ -20,13 +20,14 @@ from rb_dynamics.analysis.checks import BOUND, Check, balanced, checks, cut, mis
 from rb_dynamics.analysis.clocks import log_time_of_zero
 from rb_dynamics.analysis.command_outcomes import CommandOutcomes, outcomes_of
 from rb_dynamics.analysis.continuity import Continuity, continuity, overlaps
-from rb_dynamics.analysis.gaps import silences
+from rb_dynamics.analysis.gaps import NAMED, listed, silences
 from rb_dynamics.analysis.latency import CommandLatency, command_latencies
 from rb_dynamics.analysis.momentum_energy_balance import Balance, balances
 from rb_dynamics.analysis.onboard_devices import Onboard, onboard
 from rb_dynamics.analysis.own_log_consistency import self_consistency
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements
 from rb_dynamics.analysis.read_track import SENSED, mean_rate
+from rb_dynamics.analysis.stalls import STOOD
 from rb_dynamics.analysis.track import Array, RecordedWrench, TimeSeries, Track, sizes_of
 from rb_dynamics.analysis.unexplained_wrench import Residual, late_impulse, residual, times_unknown
 from rb_dynamics.analysis.warnings import ChannelHistory, WorstStatus, warnings
@@ -242,7 +243,7 @@ def summarize(track: Track, bound: float = BOUND) -> RunSummary:
         ),
         residual=left,
         warnings=(*warnings(track, channels, health), *used.warnings()),
-        notes=(*track.notes, *judgement.notes, *_ended_early(track), *_moves(track), *_epoch(bag)),
+        notes=(*track.notes, *judgement.notes, *_ended_early(track), *_moves(track), *_stalls(track), *_epoch(bag)),
         missing=tuple(_missing(track)),
         latencies=tuple(command_latencies(bag)) if track.own else (),
         onboard=used,
@@ -518,6 +519,12 @@ def _moves(track: Track) -> list[str]:
     """Return a note on when the body was moved, if it was."""
     at = ", ".join(f"{each:.9g}" for each in track.seconds(track.moved_ns).tolist())
     return [f"The body was moved to another state (set_state) at t = {at} s: nothing is judged across."] if at else []
+
+
+def _stalls(track: Track) -> list[str]:
+    """Return a note on where the body stood still, if it did."""
+    at = listed([each.told(track.zero_ns) for each in track.stalls[:NAMED]], len(track.stalls))
+    return [f"{STOOD} {at}: nothing is judged across."] if at else []
 
 
 def _ended_early(track: Track) -> list[str]:

@@ -22,6 +22,7 @@ from rb_dynamics.numerics.rotation_arrays import lengths, rotate_all_inverse
 from rb_dynamics.scene.model import Scene
 
 if TYPE_CHECKING:
+    from rb_dynamics.analysis.stalls import Stall
     from rb_dynamics.analysis.wheel_speeds import WheelSpeeds
 
 Array: TypeAlias = NDArray[np.float64]
@@ -248,6 +249,7 @@ class Track:
         missing: first and last time of each piece of the recording that is not here, by the clock of the motion.
         moved_ns: when the body was moved to another state from outside, ascending, by that clock; a sample of that
             time is from before.
+        stalls: where stamps went on and the body did not, in a bag of another program.
     """
 
     bag: Bag
@@ -279,6 +281,12 @@ class Track:
     wheels: WheelSpeeds | None = None
     missing: tuple[tuple[int, int], ...] = ()
     moved_ns: Times = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    stalls: tuple[Stall, ...] = ()
+
+    @property
+    def breaks_ns(self) -> Times:
+        """The samples, ascending, after which the motion is not that of the time until the next: moves and stalls."""
+        return np.union1d(self.moved_ns, np.array([each.start_ns for each in self.stalls], dtype=np.int64))
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -290,9 +298,9 @@ class Track:
         return int(min(time[0] for time in times)), int(max(time[-1] for time in times))
 
     def moved_before(self, time_ns: Times) -> NDArray[np.bool_]:
-        """Return for each sample whether the body was moved to another state since the one before."""
+        """Return for each sample whether the body was moved, or stood still, since the one before."""
         moved = np.zeros(len(time_ns) + 1, dtype=bool)
-        moved[np.searchsorted(time_ns, self.moved_ns, side="right")] = True
+        moved[np.searchsorted(time_ns, self.breaks_ns, side="right")] = True
         return moved[:-1]
 
     @property

@@ -18,7 +18,15 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol, TypeAlias, TypeVar
 
 from rb_dynamics.errors import LogError, SceneError, needing
-from rb_dynamics.formats.log_metadata import CUT_OFF, DAMAGED, INTERRUPTED, MISSING_FILES, RESULT, next_file
+from rb_dynamics.formats.log_metadata import (
+    CUT_OFF,
+    DAMAGED,
+    INTERRUPTED,
+    MISSING_FILES,
+    RESULT,
+    next_file,
+    with_earlier,
+)
 from rb_dynamics.formats.mcap_records import (
     MAX_RECORD_BYTES,
     McapChannel,
@@ -229,7 +237,8 @@ class SplitBag:
                 self.boundaries += [] if absent else _boundary(before, file)
             lost = joined_losses(lost, file.metadata.get(INTERRUPTED, {}))
             self.metadata.pop(RESULT, None)
-            self.metadata.update(file.metadata | ({INTERRUPTED: lost} if lost else {}))
+            told = {name: with_earlier(name, self.metadata.get(name), facts) for name, facts in file.metadata.items()}
+            self.metadata.update(told | ({INTERRUPTED: lost} if lost else {}))
             self.attachments.update(file.attachments)
             self.channels.update({channel.topic: channel for channel in file.channels.values()})
             before = file

@@ -42,6 +42,9 @@ CHECKPOINT = "rb_dynamics.checkpoint"
 EPOCH = "rb_dynamics.epoch"
 """Name of the metadata with the ROS time of simulation time 0, where messages are stamped with ROS time."""
 
+EARLIER = "earlier"
+"""Key in it, as it is read, of those before it: time from which each applies, and ROS time of time 0, in order."""
+
 MERGED = "rb_dynamics.merged"
 """Name of the metadata of a bag that was made of others, or of a part of one."""
 
@@ -54,6 +57,25 @@ PART_NS = "part_ns"
 
 UNLOGGED = "effects_not_logged_as_wrench"
 """Key, in the facts of a run, of effects whose force and torque no topic has."""
+
+
+def with_earlier(name: str, before: Mapping[str, str] | None, facts: dict[str, str]) -> dict[str, str]:
+    """Return the metadata of a record that follows `before`, of the same name: of epochs, all count."""
+    if name != EPOCH or before is None:
+        return facts
+    told = [each for each in (*_epochs_of(before), *_epochs_of(facts))[:-1] if each]
+    return facts | {EARLIER: ", ".join(dict.fromkeys(told))}
+
+
+def _epochs_of(facts: Mapping[str, str]) -> list[str]:
+    last = f"{facts.get('from_time_ns', '')} {facts.get('epoch_ns', '')}"
+    return [*facts.get(EARLIER, "").split(", "), last]
+
+
+def epochs(metadata: Mapping[str, Mapping[str, str]]) -> list[tuple[int, int]]:
+    """Return from which simulation time on time 0 was which ROS time, ns, in order; empty if that is not logged."""
+    told = ", ".join(_epochs_of(metadata.get(EPOCH, {})))
+    return [(int(since), int(zero)) for since, zero in re.findall(r"([0-9]{1,19}) ([0-9]{1,19})", told)]
 
 
 def unlogged_key(topic: str) -> str:

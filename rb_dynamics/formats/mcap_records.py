@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.errors import LogError, MissingExtraError
+from rb_dynamics.formats.log_metadata import with_earlier
 from rb_dynamics.formats.read_ahead import one_ahead
 
 # One record, and one chunk after decompression, must fit: recorders write chunks of 1 to 4 MB.
@@ -913,7 +914,8 @@ class McapFile:
             self._tell(name, attached)
         elif opcode == Opcode.METADATA:
             name = fields.text()
-            self.metadata[name] = facts = fields.mapping()
+            facts = fields.mapping()
+            self.metadata[name] = with_earlier(name, self.metadata.get(name), facts)
             self._counts["metadata records"] += 1
             self._tell(name, facts)
         elif opcode == Opcode.CHUNK:

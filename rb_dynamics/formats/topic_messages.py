@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -164,6 +164,11 @@ class Topic:
         every[rows] = stamps
         self._stamps = GrowingArray()
         self._stamps.add(every)
+
+    def move(self, moved: Callable[[Times], Times]) -> None:
+        """Put log times and stamps on another clock."""
+        stamps, self._times = moved(self.stamps), [moved(self.log_times)]
+        self.stamp(np.ones(self.count, dtype=bool), stamps)
 
     @property
     def stamps_given(self) -> bool:

@@ -26,9 +26,10 @@ from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs import unset_stamps
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
-from rb_dynamics.logs.bag_reader import read_bag
+from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
+from rb_dynamics.logs.ros_time import in_time_of
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.unset_stamps import FAR_NS
 from rb_dynamics.logs.wrench_bags import RecordedWrenches, Start, origin_of
@@ -167,7 +168,12 @@ class _Flights:
 
     def both(self) -> tuple[Given, Given]:
         """Return the two."""
-        a, b = (None if _is_scene(source) else self._read(source, k) for k, source in enumerate(self._sources))
+        repeated = self._choices is not None
+        bags = [
+            None if isinstance(each, Scene) or _is_scene(each) else read_bag(each, repeated) for each in self._sources
+        ]
+        self._take_out_pauses([each for each in bags if each is not None])
+        a, b = (None if bag is None else self._of_bag(bag, k) for k, bag in enumerate(bags))
         if a is not None and b is not None:
             if self._one_bag:
                 _require_different(a.track, b.track)
@@ -185,11 +191,18 @@ class _Flights:
         assert b is not None
         return self._flown(opened_scene(self._sources[0]), b, 0), b
 
-    def _read(self, source: Source, place: int) -> Given:
+    def _take_out_pauses(self, bags: list[Bag]) -> None:
+        """Put a bag on the clock of the log beside it, which stands still in pauses and lags."""
+        logs = [bag for bag in bags if RUN in bag.metadata]
+        if len(logs) == 1 and len(bags) == 2 and (stood := in_time_of(*logs, *bags)):
+            self.notes.append(
+                f"Simulation time stood still for {stood:.9g} s in all, by {logs[0].path}: in pauses, or where the "
+                "node fell behind. ROS times are compared without that."
+            )
+
+    def _of_bag(self, bag: Bag, place: int) -> Given:
         """Return a recording; `place` is 0 for A."""
-        assert not isinstance(source, Scene)
-        bag = read_bag(source, repeated=self._choices is not None)
-        own = RUN in bag.metadata
+        own, source = RUN in bag.metadata, self._sources[place]
         scene = None if own else self._scene or self._other_scene()
         choice = None if own else self._topics
         if self._choices is not None:

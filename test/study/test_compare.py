@@ -30,10 +30,12 @@ from rb_dynamics.formats import cdr
 from rb_dynamics.formats.bag_source import open_source
 from rb_dynamics.formats.merging import merge
 from rb_dynamics.formats.message_types import POSE, WRENCH
+from rb_dynamics.formats.recovery import recover
 from rb_dynamics.logs.bag_reader import read_bag
 from rb_dynamics.logs.wrench_bags import origin_of
 from rb_dynamics.numerics.rotation_arrays import rotate_all
 from rb_dynamics.report.comparison_text import as_text, verdict
+from rb_dynamics.run.sink import Epoch, RunInfo
 from rb_dynamics.run.state_change import StateChange
 from rb_dynamics.sinks.mcap_sink import McapSink
 
@@ -216,6 +218,39 @@ def test_curves_break_at_their_own_gaps_and_signs_go_on_across_them(log: Path, f
         assert float(np.abs(np.diff(other.values)).max()) < 0.5
         _, at, beside = np.intersect1d(one.time_s, other.time_s, return_indices=True)
         assert np.abs(one.values[at] - other.values[beside]).max() < 1e-9
+
+
+class _LogOfNode(McapSink):
+    """A log with the ROS times of time 0 of a node, and since when each."""
+
+    epochs: tuple[tuple[float, int], ...] = ()
+
+    def open(self, run: RunInfo) -> None:
+        super().open(run)
+        for since, epoch_ns in self.epochs:
+            self.write(Epoch(round(since * 1e9), epoch_ns))
+
+
+@pytest.mark.parametrize("recovered", [False, True], ids=["whole", "recovered"])
+def test_a_bag_in_ros_time_is_compared_across_pauses_of_its_node(folder: Path, recovered: bool) -> None:
+    """ROS time goes on in a pause, and where a node falls behind: the motions "differed" from there on."""
+    pauses, first = {1.3: 0.35, 2.0: 1.0}, LATER
+    sink = _LogOfNode(folder / f"node {recovered}.mcap")
+    sink.epochs = ((0.0, first), (1.3, first + 350_000_000), (2.0, first + 1_350_000_000))
+    stamped = [(topic, replace(wrench, stamp_ns=wrench.stamp_ns)) for topic, wrench in COMMANDS]
+    rb.simulate(rb.parse_scene(SCENE, "test.yaml"), stamped, [sink])
+    run = folder / f"node {recovered}.mcap"
+    if recovered:
+        recover(run, run := folder / "again.mcap")
+    bag = foreign(folder / "paused.mcap", run, later_ns=first, pauses=pauses, commands=bag_commands())
+    for a, b in ((run, bag), (bag, run)):
+        found = rb.compare(a, b, bound=0.0)
+        assert found.passed
+        assert found.samples == 201
+        assert found.commands == []
+        assert any("stood still for 1.35 s in all" in note for note in found.notes)
+    with pytest.raises(rb.LogError, match="no lag that is certain"):
+        rb.compare(fly(folder / "unaware.mcap"), bag)
 
 
 def test_nothing_is_compared_within_a_gap(log: Path, folder: Path) -> None:

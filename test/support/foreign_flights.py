@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ def foreign(
     shifted: tuple[float, float, float] = (0.0, 0.0, 0.0),
     commands: Iterable[tuple[str, int, tuple[float, ...]]] = (),
     frame: str = "body",
+    pauses: Mapping[float, float] | None = None,
 ) -> Path:
     """Write the motion in `log` as a bag of another program.
 
@@ -47,7 +48,12 @@ def foreign(
         shifted: is added to the positions, m.
         commands: topic, time (ns) and force and torque in the axes of `frame`.
         frame: of the commands.
+        pauses: how long (s) the body stood still after which time (s), while the stamps went on.
     """
+
+    def later(at: int) -> int:
+        return at + later_ns + sum(round(1e9 * by) for since, by in (pauses or {}).items() if at > 1e9 * since)
+
     source: Bag = read_bag(log)
     times, poses = source.poses("/pose")
     _, twists = source.twists("/twist")
@@ -56,7 +62,7 @@ def foreign(
         kept &= (times * 1e-9 <= begin) | (times * 1e-9 >= end)
     rows: list[Row] = []
     for number in np.flatnonzero(kept).tolist():
-        at, position, attitude = int(times[number]) + later_ns, poses[number, :3] + shifted, poses[number, 3:]
+        at, position, attitude = later(int(times[number])), poses[number, :3] + shifted, poses[number, 3:]
         if turned_body:
             attitude = product(attitude, TURN)
         if negative and number % 2:
@@ -66,5 +72,5 @@ def foreign(
         if twist:
             rows.append(("/vicon/twist", TWIST, at, cdr.encode(TWIST, at, "body", tuple(twists[number].tolist()))))
     for topic, at, numbers in commands:
-        rows.append((topic, WRENCH, at + later_ns, cdr.encode(WRENCH, at + later_ns, frame, numbers)))
+        rows.append((topic, WRENCH, later(at), cdr.encode(WRENCH, later(at), frame, numbers)))
     return write_rows(path, sorted(rows, key=lambda row: row[2]))

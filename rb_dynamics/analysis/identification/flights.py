@@ -19,6 +19,7 @@ from rb_dynamics.analysis.interpolated_signal import Signal
 from rb_dynamics.analysis.pose_twist_consistency import Agreement, agreements_of
 from rb_dynamics.analysis.read_track import OF_SCENE, STRAYS, TopicChoice, as_measured, read_track
 from rb_dynamics.analysis.spikes import spikes_of_attitude, spikes_of_position, without_spikes
+from rb_dynamics.analysis.stalls import STOOD, Stall
 from rb_dynamics.analysis.track import Array, RecordedWrench, Spikes, Times, TimeSeries, Track, frame_names, unit_rows
 from rb_dynamics.analysis.wheel_speeds import WheelSpeeds, wheel_speeds
 from rb_dynamics.errors import LogError, WrenchError
@@ -113,6 +114,7 @@ class Flight:
         notes: remarks for the user on how it was read.
         moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
         set_ns: when the clock was set forward, likewise: the last stamp before.
+        stalls: where stamps went on and the body did not, likewise.
         zero_ns: the stamp at which its times begin.
         frames_to_choose: as in `Track`.
         wheels: speeds of the reaction wheels of the scene.
@@ -125,6 +127,7 @@ class Flight:
     notes: tuple[str, ...] = ()
     moved_ns: tuple[int, ...] = ()
     set_ns: tuple[int, ...] = ()
+    stalls: tuple[Stall, ...] = ()
     zero_ns: int = 0
     frames_to_choose: str = ""
     wheels: WheelSpeeds | None = None
@@ -156,8 +159,11 @@ class Flight:
         """
         first, last = self.span_ns
         moves, leapt = ([each for each in some if first <= each < last] for some in (self.moved_ns, self.set_ns))
-        breaks, bridged = ([each for each in some if each[0] not in leapt] for some in self._holes())
-        edges = [first, *sorted({each + 1 for each in (*moves, *leapt, *(begin for begin, _ in breaks))}), last + 1]
+        stalls = [each for each in self.stalls if first <= each.start_ns < last and each.start_ns not in leapt]
+        stood = [each.start_ns for each in stalls]
+        breaks, bridged = ([each for each in some if each[0] not in (*leapt, *stood)] for some in self._holes())
+        inner = {each + 1 for each in (*moves, *leapt, *stood, *(begin for begin, _ in breaks))}
+        edges = [first, *sorted(inner), last + 1]
         notes = []
         if bridged:
             each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in bridged[:NAMED]], len(bridged))
@@ -179,6 +185,9 @@ class Flight:
                 f"by the log times, the clock of the stamps was set forward at {at} s: each piece is fitted from a "
                 "start of its own"
             )
+        if stalls:
+            at = listed([each.told(0) for each in stalls[:NAMED]], len(stalls))
+            notes.append(f"{STOOD[0].lower()}{STOOD[1:]} {at}: each piece is fitted from a start of its own")
         if breaks:
             each = listed([f"{(b - a) * 1e-9:.6g} s from {a * 1e-9:.6g} s" for a, b in breaks[:NAMED]], len(breaks))
             notes.append(
@@ -192,7 +201,7 @@ class Flight:
             if any(np.diff(np.searchsorted(stream.time_ns, span))[0] >= _FEWEST for stream in self.streams)
         ]
         return [
-            replace(piece, moved_ns=(), set_ns=(), notes=() if k else (*self.notes, *notes))
+            replace(piece, moved_ns=(), set_ns=(), stalls=(), notes=() if k else (*self.notes, *notes))
             for k, piece in enumerate(pieces)
         ] or [self]
 
@@ -532,6 +541,7 @@ def flight_of(bag: Bag, scene: Scene, commands: Sequence[str] = (), topics: Topi
         (*notes, *([] if channels else [NO_WRENCH])),
         moved,
         () if own else _set_forward(track, zero),
+        tuple(each.since(zero) for each in track.stalls),
         zero,
         track.frames_to_choose,
         unknown=unknown,

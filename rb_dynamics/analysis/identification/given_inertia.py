@@ -290,7 +290,7 @@ def _known(track: Track, rate: float) -> list[tuple[int, int]]:
     """Return the stretches of time without holes in which all wrenches are known and nobody moved the body."""
     begin, end = track.span_ns
     found = [(begin, end)]
-    unknown = [(track.moved_ns, track.moved_ns + 1)]
+    unknown = [(track.breaks_ns, track.breaks_ns + 1)]
     measured = [each.time_ns for each in (track.pose, track.twist) if each is not None]
     unknown += [(np.array([begin]), np.array([end])) for begin, end in holes(measured, rate)]
     unknown += [(each.time_ns[~each.known], np.append(each.time_ns[1:], end)[~each.known]) for each in track.acting]

@@ -1,0 +1,89 @@
+"""`stalls`: where the stamps of a pose go on while the body stands still.
+
+A simulator that falls behind, or is paused, does that if it stamps its messages with the time of day: the body then
+goes on from where it stood.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, unit_rows
+from rb_dynamics.numerics.rotation_arrays import rotation_vectors
+
+# Intervals so many usual ones long are looked at. Rates are means over so many intervals on either side, and their
+# noise is told by so many.
+_LONG, _BESIDE, _AROUND = 1.4, 3, 12
+# The body stood still for this part of the interval at least, and so long that noise does not explain it so many times.
+_PART, _SURE = 0.4, 50.0
+# What its motion may differ by from that of a shorter interval: as a part of that of the whole, in multiples of noise.
+_REST, _NOISE = 0.1, 10.0
+# A larger turn in an interval is mistaken for another (rad), so that attitudes alone do not tell.
+_TURN = 2.0
+
+
+STOOD = "The stamps went on and the body did not, as where a simulator falls behind or is paused,"
+
+
+class Stall(NamedTuple):
+    """Stamps of the samples before and after, and for how long the body stood still between them, s."""
+
+    start_ns: int
+    end_ns: int
+    stood_s: float
+
+    def since(self, zero_ns: int) -> Stall:
+        """Return the same with stamps that count from `zero_ns`."""
+        return self._replace(start_ns=self.start_ns - zero_ns, end_ns=self.end_ns - zero_ns)
+
+    def told(self, zero_ns: int) -> str:
+        """Return it as text, with its time from `zero_ns`."""
+        return f"for {self.stood_s:.4g} s after t = {(self.start_ns - zero_ns) * 1e-9:.6g} s"
+
+
+def stalls(pose: TimeSeries) -> tuple[Stall, ...]:
+    """Return where the body stood still: it moved as by the rates on either side in a part of the interval only."""
+    steps = np.diff(pose.time_ns)
+    if len(steps) <= 2 * _AROUND:
+        return ()
+    usual_s = 1e-9 * float(np.median(steps))
+    found = []
+    for at in np.flatnonzero(steps > _LONG * 1e9 * usual_s).tolist():
+        rows = slice(max(at - _AROUND, 0), at + _AROUND + 2)
+        stood_s = _stood_s(pose.time_ns[rows], pose.values[rows], at - rows.start, usual_s)
+        if stood_s > 0.0:
+            found.append(Stall(int(pose.time_ns[at]), int(pose.time_ns[at + 1]), stood_s))
+    return tuple(found)
+
+
+def _stood_s(time_ns: Times, values: Array, at: int, usual_s: float) -> float:
+    """Return how long the body stood still after sample `at`; 0 if it went on, or that is not certain."""
+    steps = 1e-9 * np.diff(time_ns)
+    beside = steps[at - _BESIDE : at + _BESIDE + 1]
+    if at < _BESIDE or len(beside) <= 2 * _BESIDE or beside.min() == 0.0 or np.sum(beside > _LONG * usual_s) > 1:
+        return 0.0
+    even = (steps > 0.0) & (steps <= _LONG * usual_s)
+    length, passed, sizes = float(steps[at]), 0.0, 0.0
+    parts, noises = [], []
+    for moved in (rotation_vectors(unit_rows(values[:, 3:])), np.nan_to_num(np.diff(values[:, :3], axis=0))):
+        rates = moved[even] / steps[even, None]
+        noise = usual_s * float(np.median(np.linalg.norm(np.diff(rates, axis=0), axis=1))) + 1e-12
+        before, after = moved[at - _BESIDE : at], moved[at + 1 : at + 1 + _BESIDE]
+        rate = 0.5 * (before.sum(axis=0) / beside[:_BESIDE].sum() + after.sum(axis=0) / beside[-_BESIDE:].sum())
+        noises.append(noise)
+        parts.append((moved[at] / noise, rate / noise))
+        passed += float(moved[at] @ rate) / noise**2
+        sizes += float(rate @ rate) / noise**2
+    passed = max(passed / max(sizes, 1e-300), 0.0)
+    stood_s = length - passed
+    (_, turning), (_, travelling) = parts
+    if length * np.linalg.norm(turning) * noises[0] > _TURN:
+        sizes = float(travelling @ travelling)
+    if stood_s < _PART * length or stood_s * np.sqrt(sizes) < _SURE:
+        return 0.0
+    for moved, rate in parts:
+        if np.linalg.norm(moved - passed * rate) > max(_NOISE, _REST * length * float(np.linalg.norm(rate))):
+            return 0.0
+    return stood_s
