@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import sys
 import weakref
 from bisect import insort
 from collections import Counter
@@ -1178,6 +1179,12 @@ def _sight_of_wheels(wheels: WheelSet) -> OfPhase | None:
 
 
 def _require_finite(body: RigidBody, phase: PhaseState, time_ns: int) -> None:
+    least = min(body.principal_moments)
+    if 0.0 < least < sys.float_info.min:
+        raise ConvergenceError(
+            f"the body has a moment of inertia of {least:.3g} kg m^2, expected at least {sys.float_info.min:.3g}; "
+            "below it double precision has too few digits; check the units, or leave the inertia out for a particle"
+        )
     numbers = (*phase.high, *phase.low, *phase.orientation, *phase.angular_velocity, kinetic_energy(body, phase))
     if not all(map(math.isfinite, numbers)):
         raise out_of_range(f"at simulation time {time_ns / NANOSECONDS:.9g} s")

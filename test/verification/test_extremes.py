@@ -410,6 +410,16 @@ class TestProducts:
                     turn = rotation.angle_between(here.orientation_xyzw, there.orientation_xyzw)
                     assert turn <= 1e-12, method
 
+    @pytest.mark.parametrize("method", ["auto", "exact", "dop853", "radau"])
+    def test_an_inertia_with_too_few_digits_is_refused(self, method: str) -> None:
+        """Driven, a sphere of 1e-320 kg m^2 turned 4e-4 too little."""
+        body = RigidBody.from_diagonal(1.0, (1e-320, 1e-320, 1e-320))
+
+        end = outcome(scene(body, State(angular_velocity_body=(1.0, 2.0, 3.0)), Solver(method), 2.0))
+
+        assert isinstance(end, ConvergenceError)
+        assert "1e-320 kg m^2, expected at least 2.23e-308" in str(end)
+
 
 class TestWrenches:
     @each_stepped
