@@ -49,6 +49,27 @@ def test_a_run_finds_nothing_that_another_one_has_computed() -> None:
     assert looked_up[0].misses > 0
 
 
+def test_a_very_short_part_that_costs_more_than_a_longer_one_is_no_limit() -> None:
+    """Of two wheels whose motors let go, 1 µs takes 40 times as long as 10 ms: "no two methods could run the scene"."""
+    scene = parse_scene("""
+body: {mass: 30, inertia: {diagonal: [1.6, 2.0, 2.1]}}
+initial: {angular_velocity_body: [0.07, -0.36, -0.42]}
+actuators:
+  - {type: reaction_wheel, name: a, axis: [-1.4, -1, -0.8], inertia: 0.09, command: speed, speed: 12.6,
+     max_torque: 0.0455, friction: {coulomb: 0.015, viscous: 0.0166}}
+  - {type: reaction_wheel, name: b, axis: [1.05, 0.1, 1.02], inertia: 0.02, command: speed, speed: -2.8,
+     max_torque: 0.0467, max_speed: 8.4}
+duration: 4
+""")
+    whole = Excerpt(scene, [], 4.0, 4.0, Stopwatch(CLOCK), Solver("dop853", accuracy=1e-9), 4.0)
+    short, longer = (
+        min(run.time for run in [part.run(part.pilot, part.clock.tally(none=True)) for _ in range(3)] if run)
+        for part in (whole.part(1e-6), whole.part(1e-2))
+    )
+    found = trial_of(scene, [], min(0.5 * short, 20.0 * longer), Stopwatch(CLOCK))
+    assert found.seconds > 1e-2
+
+
 def test_an_accuracy_that_rounding_does_not_leave_is_loosened_until_it_can_be_kept() -> None:
     """At 200 rad/s the finest accuracies are refused; the finest achievable one is the reference."""
     one = trial("[10, 200, 10]", "200", 0.05)
