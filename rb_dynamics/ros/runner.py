@@ -222,13 +222,13 @@ class Runner:
         if not self.lockstep and before_ns is not None and offset_ns is not None:
             self._hasten(offset_ns - before_ns)
 
-    def _hasten(self, by_ns: int | None) -> None:
-        """Let the commands that wait for their stamps act so much earlier; never, if their time is over (None)."""
+    def _hasten(self, by_ns: int | None, run: Simulation | None = None) -> None:
+        """Let the commands of a run that wait for their stamps act so much earlier; never, if their time is over."""
         if self._mode.apply_at != "stamp" or by_ns == 0:
             return
         for arrivals in self._arrivals.values():
             arrivals.hasten(by_ns)
-        for topic in self.simulation.hasten(by_ns):
+        for topic in (run or self.simulation).hasten(by_ns):
             self.health.overtaken(topic)
 
     def pause(self, paused: bool) -> None:
@@ -553,10 +553,14 @@ class Runner:
         With `carry`, held and waiting commands continue, with their timeouts counted anew; with `forget`, the health of
         the old run is cleared, including a failure to close its log.
         """
-        ended_ns, newest, latest = self.simulation.computed_ns, self._newest, self._latest_ns
-        outstanding = self.simulation.outstanding() if carry else []
+        ended, newest, latest, arrivals = self.simulation, self._newest, self._latest_ns, self._arrivals
         simulation = Simulation(scene, self._host.sinks())
-        self.simulation.finish()
+        ended.finish()
+        jumped_ns: int | None = 0
+        if isinstance(self.pacer, ClockFollower):
+            self.pacer.due_ns(0)
+            jumped_ns = self.pacer.jump()
+        ended_ns, offset_ns = ended.computed_ns, self.pacer.offset_ns
         if forget:
             self.health.clear()
             self.pacer.clear()
@@ -567,8 +571,19 @@ class Runner:
             return
         self._newest = {topic: None if ns is None else ns - ended_ns for topic, ns in newest.items()}
         self._latest_ns = {topic: max(0, ns - ended_ns) for topic, ns in latest.items()}
-        for topic, wrench, time_ns in outstanding:
+        self._arrivals = arrivals
+        by_ns: int | None = 0
+        # Stamps in simulation time go on, or start again, with the run; any other clock went on meanwhile.
+        if offset_ns is not None and self.pacer.offset_ns not in (None, before_ns):
+            by_ns = None if jumped_ns is None else self.pacer.offset_ns - offset_ns - ended_ns + jumped_ns
+        self._hasten(by_ns, ended)
+        for each in arrivals.values():
+            each.hasten(ended_ns)
+        for topic, wrench, time_ns in ended.outstanding():
             self._take_command(topic, self.simulation.check(topic, wrench), time_ns)
+        if not self.lockstep:
+            # What is held acts, and waits for no stamp.
+            self.simulation.advance(0)
 
     def _again(self, scene: Scene, overrides: dict[str, object]) -> Scene:
         """Return `scene` with `overrides` and the rest of its duration."""

@@ -790,6 +790,34 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
     assert "the machine is too slow" in status.message
 
 
+def test_commands_keep_to_their_stamps_over_a_change_of_the_body() -> None:
+    """After a pause of 1 s and a change, commands acted 1 s late, and an older one undid the one that was held."""
+    ms, now, host = 1_000_000, [10**12], Memory()
+    body = runner(SCENE.replace("duration: 1.0\n", ""), Mode(start_paused=True, apply_at="stamp"), host)
+    body.pacer = Pacer(1.0, lambda: now[0])
+    begun = now[0]
+
+    def push(force: float, stamp_ms: int) -> None:
+        body.command("wrench", Wrench(force=(force, 0.0, 0.0), stamp_ns=begun + stamp_ms * ms))
+
+    push(5.0, 10)
+    run_steps(body, 2)
+    push(6.0, 1900)
+    push(7.0, 500)
+    now[0] += 1000 * ms
+    body.change(body.changed({"body.mass": 4.0}), False)
+    push(9.0, -2000)  # older than the one that is held
+    now[0] += 500 * ms
+    body.pause(False)
+    body.pause(True)
+    run_steps(body, 50)
+    epoch = body.pacer.offset_ns or 0
+    acted = [(each.force[0], each.time_ns) for each in host.runs[-1].applied][-2:]
+    assert [force for force, _ in acted] == [7.0, 6.0]
+    assert acted[1][1] == begun + 1900 * ms - epoch
+    assert count(body, "superseded") == 1
+
+
 @pytest.mark.parametrize("seen", [False, True])
 @pytest.mark.parametrize("paused", [False, True])
 def test_commands_that_wait_when_the_clock_jumps_back_never_act(paused: bool, seen: bool) -> None:
