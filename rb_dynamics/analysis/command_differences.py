@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,6 +28,8 @@ _LAGGED = (
     "are not compared: what acted followed them with a lag, and the two recordings do not say what acted at the same "
     "times"
 )
+# When a wrench begins to act, and its bytes; None for one that is not known.
+_Change: TypeAlias = tuple[int, "bytes | None"]
 _IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
 
 
@@ -182,7 +184,8 @@ def _on_arrival(
 ) -> int | None:
     """Return by how much later than in a bag the same acted in a log, one after the other, at most, ns; None if others.
 
-    Those at the ends of `span_ns` and in `gaps` may be in one alone, and so may what was rejected or is not understood.
+    Those at the ends of `span_ns` and in `gaps` may be in one alone, and so may what was rejected or is not understood,
+    or has the time of a later one in the bag.
     """
     if x is None or y is None or x.topic.endswith(APPLIED) == y.topic.endswith(APPLIED):
         return None
@@ -191,33 +194,38 @@ def _on_arrival(
     sent = y
     if y.topic.endswith(APPLIED):
         log, bag, sent = bag, log, x
-    earliest_ns, most_ns = -tolerance_ns - sent.within_ns, 0
+    earliest_ns, most_ns, next_ns = -tolerance_ns - sent.within_ns, 0, span_ns[1]
     while log or bag:
-        (at, acts), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
-        if log and bag and acts == commanded and earliest_ns <= at - stamp < _ARRIVAL_NS:
+        (at, _), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
+        if log and bag and _one(log[-1], bag[-1], earliest_ns):
             most_ns = max(most_ns, abs(at - stamp))
             log.pop()
-            bag.pop()
+            next_ns, _ = bag.pop()
         elif bag and commanded is None:
-            bag.pop()
+            next_ns, _ = bag.pop()
             # Backwards in time: what acted since is that of the command, if it was accepted.
-            while log and log[-1][0] >= stamp and not (bag and log[-1][1] == bag[-1][1]):
+            while log and log[-1][0] >= stamp and not (bag and _one(log[-1], bag[-1], earliest_ns)):
                 log.pop()
         elif log and (not bag or at >= stamp) and any(begin <= at <= end for begin, end in loose):
             log.pop()
-        elif bag and any(begin <= stamp <= end for begin, end in loose):
-            bag.pop()
+        elif bag and (stamp == next_ns or any(begin <= stamp <= end for begin, end in loose)):
+            next_ns, _ = bag.pop()
         else:
             return None
     return most_ns
 
 
-def _changes(steps: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> list[tuple[int, bytes | None]]:
+def _one(acting: _Change, commanded: _Change, earliest_ns: int) -> bool:
+    """Return whether a change is that which a bag has, no earlier than that and little later."""
+    return acting[1] == commanded[1] and earliest_ns <= acting[0] - commanded[0] < _ARRIVAL_NS
+
+
+def _changes(steps: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> list[_Change]:
     """Return when each wrench begins to act within `span_ns`, ascending, and its bytes; None if it is not known."""
     acts = steps.force.any(axis=1) | steps.torque.any(axis=1)
     # No zero has a sign or axes.
     rows = np.column_stack([steps.force, steps.torque, steps.world & acts]) + 0.0
-    found: list[tuple[int, bytes | None]] = [(span_ns[0], np.zeros(rows.shape[1]).tobytes())]
+    found: list[_Change] = [(span_ns[0], np.zeros(rows.shape[1]).tobytes())]
     for at, row, known in zip((steps.time_ns - offset_ns).tolist(), rows, steps.known.tolist(), strict=True):
         wrench = row.tobytes() if known else None
         if at <= span_ns[0]:

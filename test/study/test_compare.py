@@ -764,6 +764,42 @@ def test_commands_that_acted_on_arrival_do_not_differ_from_those_stamped_before(
         assert told.topic == "thrust"
 
 
+def test_what_is_not_known_of_a_bag_does_not_make_the_rest_differ_on_arrival(tmp_path: Path) -> None:
+    """Beside a command in a frame of the log, or one that another of its time undid, what acted on arrival "differed"."""
+    scene = rb.parse_scene(
+        SCENE.replace("{topic: thrust}", "{topic: thrust, timeout: 0.055}").replace(
+            "body: {", "body: {frames: {jet: {position: [0.1, 0, 0]}}, "
+        )
+    )
+    # In a pause of the node, the newest of those that came has acted.
+    sent = [
+        (0.5, "body", (1.0, 0.0, 0.0)), (1.2, "jet", (0.0, 0.5, 0.0)), (2.0, "body", (0.0, 0.7, 0.0)),
+        (2.0, "body", (0.0, 0.0, 0.6)), (3.0, "jet", (0.3, 0.2, 0.0)),
+    ]  # fmt: skip
+    acted = [
+        ("thrust", rb.Wrench(force, (0.0, 0.0, 0.1), frame, round(1e9 * at) + 400_000))
+        for at, frame, force in sent[:2] + sent[3:]
+    ]
+    flown = tmp_path / "flown.mcap"
+    rb.simulate(scene, acted, [McapSink(flown)])
+
+    def recorded(name: str, push: list[tuple[float, str, tuple[float, ...]]]) -> Path:
+        motion = open_source(foreign(tmp_path / f"motion_{name}", flown, later_ns=LATER)).messages()
+        rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in motion]
+        for at, frame, force in push:
+            stamp = LATER + round(1e9 * at)
+            data = cdr.encode(WRENCH, stamp, frame, (*force, 0.0, 0.0, 0.1))
+            rows.append(("/thrust", WRENCH, stamp + 300_000, data))
+        return write_rows(tmp_path / name, sorted(rows, key=lambda row: row[2]))
+
+    found = rb.compare(flown, recorded("bag.mcap", sent))
+    assert found.commands is None
+    assert any("nothing but when they act, by up to 0.4 ms" in note for note in found.notes)
+    other = [*sent[:3], (2.0, "body", (0.0, 0.0, 0.5)), sent[4]]
+    (told,) = rb.compare(flown, recorded("other.mcap", other)).commands or ()
+    assert told.topic == "thrust"
+
+
 def test_commands_of_a_bag_of_a_node_in_a_namespace_act_as_its_scene_says(tmp_path: Path) -> None:
     """Neither delay and timeout of the channel were applied to them, nor was its bias left out: they "differed"."""
     channel = "{topic: thrust, delay: 0.03, timeout: 0.4, bias: {force: [0, 0, 0.1]}}"
