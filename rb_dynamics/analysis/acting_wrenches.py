@@ -158,7 +158,8 @@ def in_channel(steps: RecordedWrench, channel: Channel) -> RecordedWrench:
         time_ns=times,
         force=np.where(ends, 0.0, steps.force[rows]),
         torque=np.where(ends, 0.0, steps.torque[rows]),
-        **{name: getattr(steps, name)[rows] for name in ("world", "at_point", "known")},
+        known=steps.known[rows] | (rows < 0),
+        **{name: getattr(steps, name)[rows] for name in ("world", "at_point")},
     )
 
 

@@ -20,7 +20,7 @@ from rb_dynamics.analysis.acting_wrenches import acting_wrenches, channels_of, w
 from rb_dynamics.analysis.clocks import APART
 from rb_dynamics.analysis.gaps import strays
 from rb_dynamics.analysis.spikes import without_spikes
-from rb_dynamics.analysis.stalls import stalls
+from rb_dynamics.analysis.stalls import Stall, stalls
 from rb_dynamics.analysis.thruster_pushes import pushes
 from rb_dynamics.analysis.track import (
     LARGEST,
@@ -286,12 +286,7 @@ class _TrackReader:
         if own and start > 0 and not self.bag.cut_ns and not any(begin < start for begin, _ in track.missing):
             track = replace(track, missing=((0, start), *track.missing))
         if self.scene is not None:
-            stood = [each[:2] for each in track.stalls]
-            # A channel keeps the time of its simulator, which stood still, too: commands may act for longer, or later.
-            sent = [
-                steps.without(stood) if stood and _keeps_time(steps.channel) else steps
-                for steps in (waiting(steps, self.bag, steps.channel) for steps in wrenches)
-            ]
+            sent = [_over_stalls(waiting(steps, self.bag, steps.channel), track.stalls) for steps in wrenches]
             whole = part_ns(self.bag.metadata) is None
             held = acting_wrenches(sent, self.scene, track.missing, track.zero_ns, whole)
             track = replace(track, by_scene=held)
@@ -1033,8 +1028,17 @@ def _leap(pose: TimeSeries, moved_ns: int) -> int:
     return moved_ns
 
 
-def _keeps_time(channel: Channel | None) -> bool:
-    return channel is not None and bool(channel.timeout or channel.delay or channel.lag)
+def _over_stalls(steps: RecordedWrench, stalls: Sequence[Stall]) -> RecordedWrench:
+    """Return commands that are not known where their channel delays them, or lets them expire, over a stall.
+
+    It keeps the time of its simulator, which stood still, too.
+    """
+    channel = steps.channel
+    if channel is None or not (channel.timeout or channel.delay or channel.lag):
+        return steps
+    stood = [each[:2] for each in stalls]
+    within = [(begin < steps.time_ns) & (steps.time_ns < end) for begin, end in stood]
+    return replace(steps, known=~np.any([*within, ~steps.known], axis=0)).without(stood)
 
 
 def _commanded(topic: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -370,6 +371,9 @@ def test_a_command_that_comes_in_time_or_may_have_come_does_not_expire() -> None
     (holed,) = acting_wrenches([wrench], scene, [(SECOND, 3 * SECOND)], 0)
     assert [t / SECOND for t in holed.time_ns.tolist()] == [0.5, 1.5, 10.5, 12.5]
     assert holed.known.tolist() == [True, False, True, True]
+    # That the last one is not understood says nothing of the others.
+    (odd,) = acting_wrenches([replace(wrench, known=~flags & [True, False])], scene, [], 0)
+    assert odd.known.tolist() == [True, True, False]
 
 
 def test_an_effect_whose_wrench_was_recorded_acts_once() -> None:

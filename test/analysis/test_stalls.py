@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from bag_rows import write_rows
 from foreign_flights import foreign
 from tumbling import Tumble, bag_of, spin
 
 import rb_dynamics as rb
 from rb_dynamics.analysis.inspection import inspect
 from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.formats import cdr
+from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.message_types import WRENCH
 from rb_dynamics.sinks.mcap_sink import McapSink
 
 SCENE = """
 body: {mass: 2.0, center_of_mass: [0.01, 0, 0], inertia: {matrix: [[0.5, 0.02, 0], [0.02, 0.7, 0.03], [0, 0.03, 0.9]]}}
 initial: {angular_velocity_body: [0.3, 1.1, -0.2], linear_velocity_world: [0.1, 0, -0.2]}
-wrenches: [{topic: thrust}]
+wrenches: [{topic: thrust}, {topic: brief, timeout: 0.8}]
 duration: 12.0
 output_rate: 100.0
 """
@@ -27,6 +32,9 @@ COMMANDS = [
     ("thrust", rb.Wrench(tuple(force), tuple(torque), "body", 200_000_000 * (1 + k)))  # type: ignore[arg-type]
     for k, (force, torque) in enumerate(np.random.default_rng(5).normal(size=(55, 2, 3)).tolist())
 ]
+# One is held over the first stall, and one came in the second.
+BRIEF = [rb.Wrench((0.1, 0.0, 0.2), (0.3, -0.2, 0.1), "body", at) for at in (3_000_000_000, 7_110_000_000)]
+EARLIER_NS = 10**18
 
 
 def stalls(motion: Tumble) -> list[tuple[int, float]]:
@@ -60,23 +68,26 @@ def test_a_body_at_rest_does_not_stand_still() -> None:
     assert stalls(replace(motion, time_ns=motion.time_ns + (np.arange(1000) >= 600) * 10**9)) == []
 
 
-@pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def recorded(folder: Path, brief: Sequence[rb.Wrench] = ()) -> tuple[Path, Path]:
     """Return a scene, and a bag of its flight whose stamps went on twice while the body stood still."""
-    folder = tmp_path_factory.mktemp("stalls")
-    scene, run = folder / "scene.yaml", folder / "run.mcap"
+    scene, run, bag = folder / "scene.yaml", folder / "run.mcap", folder / "paused.mcap"
     scene.write_text(SCENE)
-    rb.simulate(rb.parse_scene(SCENE, str(scene)), COMMANDS, [McapSink(run)])
+    rb.simulate(rb.parse_scene(SCENE, str(scene)), [*COMMANDS, *(("brief", each) for each in brief)], [McapSink(run)])
+    sent = [*COMMANDS, *(("brief", each) for each in brief[:1])]
     commands: list[tuple[str, int, Any]] = [
-        (f"/{topic}", wrench.stamp_ns, (*wrench.force, *wrench.torque)) for topic, wrench in COMMANDS
+        (f"/{topic}", wrench.stamp_ns, (*wrench.force, *wrench.torque)) for topic, wrench in sent
     ]
-    pauses = {3.37: 0.14, 7.11: 1.0}
-    return scene, foreign(folder / "paused.mcap", run, later_ns=10**18, commands=commands, pauses=pauses)
+    foreign(bag, run, later_ns=EARLIER_NS, commands=commands, pauses={3.37: 0.14, 7.11: 1.0})
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(bag).messages()]
+    for wrench in brief[1:]:
+        stamp = EARLIER_NS + wrench.stamp_ns + 540_000_000
+        rows.append(("/brief", WRENCH, stamp, cdr.encode(WRENCH, stamp, "body", (*wrench.force, *wrench.torque))))
+    return scene, write_rows(folder / "whole.mcap", sorted(rows, key=lambda row: row[2]))
 
 
-def test_the_inertia_explains_a_motion_with_stalls(recordings: tuple[Path, Path]) -> None:
+def test_the_inertia_explains_a_motion_with_stalls(tmp_path: Path) -> None:
     """The command held then would have acted all the time: "NO inertia explains the motion"."""
-    scene, bag = recordings
+    scene, bag = recorded(tmp_path, BRIEF)
     found = inspect(bag, scene).summary
     assert {check.name for check in found.checks if not check.passed} == {
         "/vicon/pose is whole",
@@ -87,7 +98,7 @@ def test_the_inertia_explains_a_motion_with_stalls(recordings: tuple[Path, Path]
     assert "for 0.14 s after t = 3.37 s; for 1 s after t = 7.25 s" in note
 
 
-def test_a_fit_begins_again_after_a_stall(recordings: tuple[Path, Path]) -> None:
-    scene, bag = recordings
+def test_a_fit_begins_again_after_a_stall(tmp_path: Path) -> None:
+    scene, bag = recorded(tmp_path)
     found = rb.identify(scene, [bag])
     assert any("the stamps went on and the body did not" in note for note in found.notes), found.notes

@@ -765,7 +765,7 @@ def test_commands_that_acted_on_arrival_do_not_differ_from_those_stamped_before(
 
 
 def test_what_is_not_known_of_a_bag_does_not_make_the_rest_differ_on_arrival(tmp_path: Path) -> None:
-    """Beside a command in a frame of the log, or one that another of its time undid, what acted on arrival "differed"."""
+    """Beside one in a frame of the log, or one that another of its time undid, commands on arrival "differed"."""
     scene = rb.parse_scene(
         SCENE.replace("{topic: thrust}", "{topic: thrust, timeout: 0.055}").replace(
             "body: {", "body: {frames: {jet: {position: [0.1, 0, 0]}}, "
