@@ -57,6 +57,13 @@ _ARMS = tuple("#{:02x}{:02x}{:02x}".format(*color) for color in (RED, GREEN, BLU
 _L, _W, _POLHODE, _HERPOLHODE = ("#{:02x}{:02x}{:02x}".format(*color) for color in (ORANGE, CYAN, GREEN, YELLOW))
 
 
+def require_format(path: str | os.PathLike[str]) -> None:
+    """Raise a LogError for a path whose ending names no format of a video."""
+    if Path(path).suffix.lower() not in FORMATS:
+        expected = f"a file name that ends in {' or '.join(FORMATS)}"
+        raise LogError(f"found {os.fspath(path)!r}, expected {expected}; give another")
+
+
 def write_video(
     path: str | os.PathLike[str], track: Track, rate: int = RATE, progress: Callable[[float], None] | None = None
 ) -> int:
@@ -73,9 +80,8 @@ def write_video(
         MissingExtraError: matplotlib or ffmpeg is not installed.
     """
     target = Path(path)
+    require_format(target)
     motion = _seen(track)
-    if target.suffix.lower() not in FORMATS:
-        raise LogError(f"found {str(target)!r}, expected a file name that ends in {' or '.join(FORMATS)}; give another")
     make_folder(target)
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     try:

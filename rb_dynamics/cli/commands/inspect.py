@@ -92,6 +92,10 @@ def run(args: argparse.Namespace) -> int:
             _row, scene=args.scene, bound=bound, topics=topics, verify=args.verify, window=window, target=args.target
         )
         return report(args, logs, work, _COLUMNS, "Inspected logs")
+    if args.video:
+        from rb_dynamics.report.video import require_format, write_video
+
+        require_format(args.video)
     (log,) = args.log
     found = inspect(log, args.scene, bound, topics, window, args.target)
     output.show(args, found.as_dict, lambda: as_text(found.summary))
@@ -100,8 +104,6 @@ def run(args: argparse.Namespace) -> int:
 
         output.write_page(args, run_report(found.track, found.summary))
     if args.video:
-        from rb_dynamics.report.video import write_video
-
         with output.progress(f"rendering {args.video}") as progress:
             frames = write_video(args.video, found.track, progress=progress)
         print(f"wrote {args.video}: {frames} frames", file=output.note_of(args))
