@@ -50,7 +50,9 @@ def stalls(pose: TimeSeries) -> tuple[Stall, ...]:
         return ()
     usual_s = 1e-9 * float(np.median(steps))
     found = []
-    for at in np.flatnonzero(steps > _LONG * 1e9 * usual_s).tolist():
+    long = steps > _LONG * 1e9 * usual_s
+    alone = long & (np.convolve(long, np.ones(2 * _BESIDE + 1), "same") == 1.0)
+    for at in np.flatnonzero(alone).tolist():
         rows = slice(max(at - _AROUND, 0), at + _AROUND + 2)
         stood_s = _stood_s(pose.time_ns[rows], pose.values[rows], at - rows.start, usual_s)
         if stood_s > 0.0:
@@ -62,7 +64,7 @@ def _stood_s(time_ns: Times, values: Array, at: int, usual_s: float) -> float:
     """Return how long the body stood still after sample `at`; 0 if it went on, or that is not certain."""
     steps = 1e-9 * np.diff(time_ns)
     beside = steps[at - _BESIDE : at + _BESIDE + 1]
-    if at < _BESIDE or len(beside) <= 2 * _BESIDE or beside.min() == 0.0 or np.sum(beside > _LONG * usual_s) > 1:
+    if at < _BESIDE or len(beside) <= 2 * _BESIDE or beside.min() == 0.0:
         return 0.0
     even = (steps > 0.0) & (steps <= _LONG * usual_s)
     length, passed, sizes = float(steps[at]), 0.0, 0.0
