@@ -18,6 +18,7 @@ from rb_dynamics.analysis.pose_twist_consistency import RARE, Agreement, Leaps
 from rb_dynamics.analysis.track import Array, TimeSeries, Track, frame_names, in_blocks, sizes_of
 from rb_dynamics.formats.bag_source import by_number
 from rb_dynamics.formats.channel_metadata import is_latched
+from rb_dynamics.formats.mcap_records import END_OF_TIME
 from rb_dynamics.formats.topic_messages import Topic
 from rb_dynamics.logs.own_log import logged_scene
 
@@ -114,13 +115,17 @@ def missing(track: Track) -> str:
     start, zero = track.span_ns[0], track.zero_ns
     first = track.own and (0, start) in track.missing
     pieces = [piece for piece in track.missing if not first or piece != (0, start)]
-    times = [f"from t = {(a - zero) * 1e-9:.6g} to {(b - zero) * 1e-9:.6g} s" for a, b in pieces]
+    times = [f"from t = {(a - zero) * 1e-9:.6g} to {_time_or_end(b, zero)}" for a, b in pieces]
     told = [f"{'a piece is' if len(times) == 1 else 'pieces are'} missing {', '.join(times)}"] if times else []
     told += ["messages may be missing of which no time is known"] * track.bag.unplaced
     told += [f"{name} is missing" for name in track.bag.missing_files]
     if first:
         told = [f"the first {start * 1e-9:.9g} s are missing", *told]
     return "; ".join(told)
+
+
+def _time_or_end(time_ns: int, zero_ns: int) -> str:
+    return "an end that is not known" if time_ns >= END_OF_TIME - 1 else f"{(time_ns - zero_ns) * 1e-9:.6g} s"
 
 
 def losses(track: Track) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -280,3 +281,11 @@ def test_a_command_with_a_stamp_far_off_acts_when_it_was_recorded(tmp_path: Path
     assert found.force[:, 0].tolist() == [*range(20)]
     (said,) = found.faults(WALL_NS)
     assert re.search(r"1 of 20 stamps is far from all the others, .* and taken at the log time instead", said)
+
+
+def test_a_missing_piece_whose_end_is_not_known_says_so() -> None:
+    """It ended "at 9.22337e+09 s"."""
+    track = read_track(bag_of(spin()))
+    begin = int(track.span_ns[0]) + 5 * 10**9
+    (lost,) = losses(replace(track, missing=((begin, 2**63 - 1),)))
+    assert lost == "a piece is missing from t = 5 to an end that is not known"
