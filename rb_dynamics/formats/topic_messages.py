@@ -166,9 +166,23 @@ class Topic:
         self._stamps.add(every)
 
     def move(self, moved: Callable[[Times], Times]) -> None:
-        """Put log times and stamps on another clock."""
-        stamps, self._times = moved(self.stamps), [moved(self.log_times)]
+        """Put log times and stamps on another clock; messages that get one stamp then come in the order of theirs."""
+        before, self._times = self.stamps, [moved(self.log_times)]
+        stamps = moved(before)
+        order = np.empty(self.count, dtype=np.intp)
+        order[np.argsort(stamps, kind="stable")] = np.lexsort((before, stamps))
         self.stamp(np.ones(self.count, dtype=bool), stamps)
+        if np.array_equal(order, np.arange(self.count)):
+            return
+        if self._width:
+            rows = self._numbers.view("u8").reshape(self.count, self._width)[order]
+            self._numbers = GrowingArray()
+            self._numbers.add(rows)
+        begins = [row for row, _ in self._texts]
+        of_row = (np.searchsorted(begins, order, side="right") - 1).tolist()
+        changes = [row for row, text in enumerate(of_row) if not row or text != of_row[row - 1]]
+        self._texts = [(row, self._texts[of_row[row]][1]) for row in changes if of_row[row] >= 0]
+        self.damaged = np.flatnonzero(np.isin(order, self.damaged)).tolist()
 
     @property
     def stamps_given(self) -> bool:

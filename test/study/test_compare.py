@@ -253,6 +253,42 @@ def test_a_bag_in_ros_time_is_compared_across_pauses_of_its_node(folder: Path, r
         rb.compare(fly(folder / "unaware.mcap"), bag)
 
 
+def test_of_commands_stamped_in_a_pause_the_newest_by_its_stamp_acts_after_it(folder: Path) -> None:
+    """The one that was recorded last did: commands "differed" where the node had gone by their stamps."""
+    first, pauses = LATER, {1.3: 0.35}
+    sink = _LogOfNode(folder / "node by stamps.mcap")
+    sink.epochs = ((0.0, first), (1.3, first + 350_000_000))
+    acted = [("thrust", rb.Wrench(force, (0.0, 0.0, 0.1), "body", round(1e9 * at))) for at, force in (
+        (0.5, (1.0, 0.0, 0.0)), (1.3, (0.0, 0.7, 0.0)), (2.0, (0.0, 0.0, 0.4)),
+    )]  # fmt: skip
+    rb.simulate(rb.parse_scene(SCENE, "test.yaml"), acted, [sink])
+    motion = foreign(folder / "motion of node.mcap", folder / "node by stamps.mcap", later_ns=first, pauses=pauses)
+    rows = [(m.channel.topic, m.channel.type_name, m.log_time, m.data) for m in open_source(motion).messages()]
+
+    def recorded(name: str, latest: tuple[float, ...]) -> Path:
+        # When they were recorded, their stamps, and what they command; the pause is from 1.3 to 1.65 s.
+        sent = [
+            *((at, at, "body", (1.0, 0.0, 0.0)) for at in (0.5, 0.6, 0.7, 0.8, 0.9)),
+            (1.35, 1.6, "body", latest), (1.4, 1.45, "world", (0.0, 0.0, 0.6)),
+            (1.41, 1.5, "body", (0.0, 0.2, 0.0)), (2.35, 2.35, "body", (0.0, 0.0, 0.4)),
+        ]  # fmt: skip
+        commands = [
+            (
+                "/thrust",
+                WRENCH,
+                first + round(1e9 * at),
+                cdr.encode(WRENCH, first + round(1e9 * stamp), frame, (*force, 0.0, 0.0, 0.1)),
+            )
+            for at, stamp, frame, force in sent
+        ]
+        return write_rows(folder / name, sorted([*rows, *commands], key=lambda row: row[2]))
+
+    found = rb.compare(folder / "node by stamps.mcap", recorded("by stamps.mcap", (0.0, 0.7, 0.0)), bound=0.0)
+    assert found.commands == []
+    other = rb.compare(folder / "node by stamps.mcap", recorded("another.mcap", (0.0, 0.5, 0.0)))
+    assert [each.topic for each in other.commands or ()] == ["thrust"]
+
+
 def test_nothing_is_compared_within_a_gap(log: Path, folder: Path) -> None:
     bag = foreign(folder / "gap.mcap", log, without=[(1.0, 1.5), (2.0, 2.2)])
     told = rb.compare(log, bag, align="stamp").as_dict()
