@@ -21,8 +21,9 @@ from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.topics_of_channels import names_in_scene
 from rb_dynamics.logs.wrench_bags import driven_of
 
-# ns by which a node may hear a command after another program stamped or recorded it.
-_ARRIVAL_NS = 50_000_000
+# ns by which a node may hear a command after another program stamped or recorded it, or intervals of its outputs: after
+# a lag that it drops, it hears what came meanwhile at the next one.
+_ARRIVAL_NS, _ARRIVAL_OUTPUTS = 50_000_000, 1.5
 # Why commands on some channels are not said to differ.
 _LAGGED = (
     "are not compared: what acted followed them with a lag, and the two recordings do not say what acted at the same "
@@ -109,7 +110,7 @@ def command_differences(
         if np.isfinite(alignment.uncertainty_s):
             tolerance_ns = round(2e9 * alignment.uncertainty_s)
     found, others, late_ns = _of_wrenches(
-        pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps
+        pairs, _sampled(a) | _sampled(b), alignment.offset_ns, span_ns, tolerance_ns, gaps, _latest_ns(log)
     )
     told += [f"Commands on {', '.join(names)} {why}." for why, names in others.items()]
     if late_ns:
@@ -145,6 +146,7 @@ def _of_wrenches(
     span_ns: tuple[int, int],
     tolerance_ns: int,
     gaps: Sequence[tuple[int, int]],
+    latest_ns: int,
 ) -> tuple[list[CommandDifference], dict[str, list[str]], dict[str, int]]:
     """Return the channels that hold different wrenches within `span_ns`.
 
@@ -166,7 +168,7 @@ def _of_wrenches(
         if gaps and (differs := compared(x, y, tolerance_ns=tolerance_ns, gaps=gaps)) is None:
             told.setdefault(_IN_GAPS, []).append(name)
             continue
-        late = None if times is not None else _on_arrival(x, y, offset_ns, span_ns, tolerance_ns, gaps)
+        late = None if times is not None else _on_arrival(x, y, offset_ns, span_ns, tolerance_ns, gaps, latest_ns)
         if late is None:
             found.append(differs)
         else:
@@ -181,6 +183,7 @@ def _on_arrival(
     span_ns: tuple[int, int],
     tolerance_ns: int,
     gaps: Sequence[tuple[int, int]],
+    latest_ns: int,
 ) -> int | None:
     """Return by how much later than in a bag the same acted in a log, one after the other, at most, ns; None if others.
 
@@ -189,22 +192,23 @@ def _on_arrival(
     """
     if x is None or y is None or x.topic.endswith(APPLIED) == y.topic.endswith(APPLIED):
         return None
-    loose = [(at - _ARRIVAL_NS, at + _ARRIVAL_NS) for at in span_ns] + list(gaps)
+    loose = [(at - latest_ns, at + latest_ns) for at in span_ns] + list(gaps)
     log, bag = _changes(x, 0, span_ns), _changes(y, offset_ns, span_ns)
     sent = y
     if y.topic.endswith(APPLIED):
         log, bag, sent = bag, log, x
-    earliest_ns, most_ns, next_ns = -tolerance_ns - sent.within_ns, 0, span_ns[1]
+    late_ns = -tolerance_ns - sent.within_ns, latest_ns
+    most_ns, next_ns = 0, span_ns[1]
     while log or bag:
         (at, _), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
-        if log and bag and _one(log[-1], bag[-1], earliest_ns):
+        if log and bag and _one(log[-1], bag[-1], late_ns):
             most_ns = max(most_ns, abs(at - stamp))
             log.pop()
             next_ns, _ = bag.pop()
         elif bag and commanded is None:
             next_ns, _ = bag.pop()
             # Backwards in time: what acted since is that of the command, if it was accepted.
-            while log and log[-1][0] >= stamp and not (bag and _one(log[-1], bag[-1], earliest_ns)):
+            while log and log[-1][0] >= stamp and not (bag and _one(log[-1], bag[-1], late_ns)):
                 log.pop()
         elif log and (not bag or at >= stamp) and any(begin <= at <= end for begin, end in loose):
             log.pop()
@@ -215,9 +219,15 @@ def _on_arrival(
     return most_ns
 
 
-def _one(acting: _Change, commanded: _Change, earliest_ns: int) -> bool:
-    """Return whether a change is that which a bag has, no earlier than that and little later."""
-    return acting[1] == commanded[1] and earliest_ns <= acting[0] - commanded[0] < _ARRIVAL_NS
+def _latest_ns(log: Track) -> int:
+    rate = 0.0 if log.scene is None else log.scene.output_rate
+    return max(_ARRIVAL_NS, round(_ARRIVAL_OUTPUTS / rate * 1e9) if rate > 0.0 else 0)
+
+
+def _one(acting: _Change, commanded: _Change, late_ns: tuple[int, int]) -> bool:
+    """Return whether a change is that which a bag has, later by at least and less than so much."""
+    least, most = late_ns
+    return acting[1] == commanded[1] and least <= acting[0] - commanded[0] < most
 
 
 def _changes(steps: RecordedWrench, offset_ns: int, span_ns: tuple[int, int]) -> list[_Change]:

@@ -665,7 +665,7 @@ class Runner:
         """Report to the sinks how far stamps are ahead of simulation time, if that has changed."""
         if self.pacer.offset_ns != self._told_ns and self.pacer.offset_ns is not None:
             self._told_ns = self.pacer.offset_ns
-            self.simulation.write(Epoch(self.simulation.time_ns, self._told_ns))
+            self.simulation.write(Epoch(self.simulation.computed_ns, self._told_ns))
 
     def _burst(self) -> None:
         """Advance towards the goal for a few milliseconds; how time is divided does not change the motion."""

@@ -20,7 +20,7 @@ from rb_dynamics.ros.conversions import to_state
 from rb_dynamics.ros.health import Health
 from rb_dynamics.ros.pacing import ClockFollower, Pacer
 from rb_dynamics.ros.runner import Host, Mode, Runner
-from rb_dynamics.run.sink import Event, Sink, StateChange, Status
+from rb_dynamics.run.sink import Epoch, Event, Sink, StateChange, Status
 
 SCENE = """\
 body: {mass: 2.0, inertia: {diagonal: [1, 2, 2.5]}}
@@ -788,6 +788,29 @@ def test_a_state_that_costs_more_than_there_is_time_delays_no_message() -> None:
     status = body.health.status(body.simulation, body.pacer, "running")
     assert int(status.values["overruns"]) > 0
     assert "the machine is too slow" in status.message
+
+
+def test_a_log_says_from_which_time_on_the_ros_time_of_time_0_is_another() -> None:
+    """It said that of the last output, while the body had gone on from there: commands seemed to act too late."""
+    told = list[Epoch]()
+
+    class Epochs(MemorySink):
+        def write(self, event: Event) -> None:
+            told.extend([event] if isinstance(event, Epoch) else [])
+            super().write(event)
+
+    class Told(Memory):
+        def sinks(self) -> list[Sink]:
+            return [Epochs()]
+
+    body = runner(SCENE, Mode(), Told(), pacer=Pacer(1.0, time.time_ns))
+    while body.simulation.computed_ns < 25_000_000:
+        body.tick()
+    reached = body.simulation.computed_ns
+    assert reached > body.simulation.time_ns
+    time.sleep(0.2)  # a lag
+    body.tick()
+    assert told[-1].time_ns == reached
 
 
 def test_commands_keep_to_their_stamps_over_a_change_of_the_body() -> None:

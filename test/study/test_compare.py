@@ -800,6 +800,15 @@ def test_commands_that_acted_on_arrival_do_not_differ_from_those_stamped_before(
         assert told.topic == "thrust"
 
 
+@pytest.mark.parametrize(("rate", "same"), [(20.0, True), (50.0, False)])
+def test_after_a_lag_a_node_hears_commands_at_its_next_output(tmp_path: Path, rate: float, same: bool) -> None:
+    """At 20 Hz, up to 50 ms and a little more after where the lag began: commands "differed"."""
+    late = [("thrust", replace(wrench, stamp_ns=wrench.stamp_ns + 52_000_000)) for _, wrench in COMMANDS]
+    flown = fly(tmp_path / "flown.mcap", late, output_rate=rate)
+    bag = foreign(tmp_path / "bag.mcap", flown, later_ns=LATER, commands=bag_commands())
+    assert (rb.compare(flown, bag, align=LATER / 1e9).commands == []) == same
+
+
 def test_what_is_not_known_of_a_bag_does_not_make_the_rest_differ_on_arrival(tmp_path: Path) -> None:
     """Beside one in a frame of the log, or one that another of its time undid, commands on arrival "differed"."""
     scene = rb.parse_scene(
