@@ -11,15 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, unit_rows
-from rb_dynamics.numerics.rotation_arrays import rotation_vectors
+from rb_dynamics.numerics.rotation_arrays import rotation_vectors, rotations_between
 
 # Intervals so many usual ones long are looked at. Rates are means over so many intervals on either side, and their
 # noise is told by so many.
 _LONG, _BESIDE, _AROUND = 1.4, 3, 12
 # The body stood still for this part of the interval at least, and so long that noise does not explain it so many times.
 _PART, _SURE = 0.4, 50.0
-# What its motion may differ by from that of a shorter interval: as a part of that of the whole, in multiples of noise.
-_REST, _NOISE = 0.1, 10.0
+# When it goes on, the next sample comes a usual interval later, or this part of one.
+_NEXT = 0.5
+# Its motion may differ from that of a shorter interval by that of a usual one, or by noise so many times.
+_NOISE = 10.0
 # A larger turn in an interval is mistaken for another (rad), so that attitudes alone do not tell.
 _TURN = 2.0
 
@@ -53,7 +55,8 @@ def stalls(pose: TimeSeries) -> tuple[Stall, ...]:
     long = steps > _LONG * 1e9 * usual_s
     alone = long & (np.convolve(long, np.ones(2 * _BESIDE + 1), "same") == 1.0)
     for at in np.flatnonzero(alone).tolist():
-        rows = slice(max(at - _AROUND, 0), at + _AROUND + 2)
+        first, last = np.searchsorted(pose.time_ns, [pose.time_ns[at] - steps[at], pose.time_ns[at + 1] + steps[at]])
+        rows = slice(max(min(int(first), at - _AROUND), 0), max(int(last), at + _AROUND + 2))
         stood_s = _stood_s(pose.time_ns[rows], pose.values[rows], at - rows.start, usual_s)
         if stood_s > 0.0:
             found.append(Stall(int(pose.time_ns[at]), int(pose.time_ns[at + 1]), stood_s))
@@ -67,6 +70,7 @@ def _stood_s(time_ns: Times, values: Array, at: int, usual_s: float) -> float:
     if at < _BESIDE or len(beside) <= 2 * _BESIDE or beside.min() == 0.0:
         return 0.0
     even = (steps > 0.0) & (steps <= _LONG * usual_s)
+    even[: max(at - _AROUND, 0)] = even[at + _AROUND + 1 :] = False
     length, passed, sizes = float(steps[at]), 0.0, 0.0
     parts, noises = [], []
     for moved in (rotation_vectors(unit_rows(values[:, 3:])), np.nan_to_num(np.diff(values[:, :3], axis=0))):
@@ -78,14 +82,27 @@ def _stood_s(time_ns: Times, values: Array, at: int, usual_s: float) -> float:
         parts.append((moved[at] / noise, rate / noise))
         passed += float(moved[at] @ rate) / noise**2
         sizes += float(rate @ rate) / noise**2
-    passed = max(passed / max(sizes, 1e-300), 0.0)
+    passed /= max(sizes, 1e-300)
     stood_s = length - passed
     (_, turning), (_, travelling) = parts
     if length * np.linalg.norm(turning) * noises[0] > _TURN:
         sizes = float(travelling @ travelling)
-    if stood_s < _PART * length or stood_s * np.sqrt(sizes) < _SURE:
+    if stood_s < _PART * length or stood_s * np.sqrt(sizes) < _SURE or passed < _NEXT * usual_s:
         return 0.0
-    for moved, rate in parts:
-        if np.linalg.norm(moved - passed * rate) > max(_NOISE, _REST * length * float(np.linalg.norm(rate))):
-            return 0.0
-    return stood_s
+    near = [max(_NOISE, usual_s * float(np.linalg.norm(rate))) for _, rate in parts]
+    if any(np.linalg.norm(moved - passed * rate) > most for (moved, rate), most in zip(parts, near, strict=True)):
+        return 0.0
+    reach = [(most + float(np.linalg.norm(moved))) * n for (moved, _), most, n in zip(parts, near, noises, strict=True)]
+    return 0.0 if _comes_back(values[at::-1], reach) or _comes_back(values[at + 1 :], reach) else stood_s
+
+
+def _comes_back(values: Array, reach: list[float]) -> bool:
+    """Return whether a body that has gone farther than `reach` (rad, m) from the first pose comes back to it.
+
+    What swings or spins may have done so in a hole, too.
+    """
+    q = unit_rows(values[:, 3:])
+    turned = np.linalg.norm(rotations_between(np.broadcast_to(q[:1], q.shape), q), axis=1)
+    moved = np.linalg.norm(np.nan_to_num(values[:, :3] - values[0, :3]), axis=1)
+    near = (turned <= reach[0]) & (moved <= reach[1])
+    return bool(np.any(near[1:] & ~near[:-1]))

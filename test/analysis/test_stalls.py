@@ -63,6 +63,27 @@ def test_a_hole_is_no_stall(stamps: str, noise: float, rate: float) -> None:
         assert stalls(motion.taken(rows[(rows < 400) | (rows >= 400 + length)])) == []
 
 
+@pytest.mark.parametrize("kind", ["swings", "turns to and fro", "spins about another point"])
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize("periods", [0.93, 1.0, 1.1, 2.06, 6.5])
+def test_a_hole_over_whole_periods_is_no_stall(periods: float, noise: float, kind: str) -> None:
+    """The body is back where it was, and moves as it did: "the stamps went on and the body did not"."""
+    motion = spin(rate=0.0 if kind != "spins about another point" else 5.0, speed=0.0, noise=noise, count=3000)
+    t = motion.time_ns[:, None] * 1e-9
+    position, orientation = motion.position.copy(), motion.orientation_xyzw.copy()
+    if kind == "swings":
+        position += 0.2 * np.sin(5.0 * t) * np.array([1.0, 0.5, -0.2])
+    elif kind == "turns to and fro":
+        orientation += 0.3 * np.sin(5.0 * t) * np.array([1.0, 0.0, 0.0, 0.0])
+        orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
+    else:
+        position += 0.05 * np.hstack([np.cos(5.0 * t), np.sin(5.0 * t), 0.0 * t]) + 1e-3 * t
+    moved = replace(motion, position=position, orientation_xyzw=orientation)
+    rows = np.arange(3000)
+    for first in range(1400, 1520, 13):
+        assert stalls(moved.taken(rows[(rows < first) | (rows >= first + round(periods * 40 * np.pi))])) == []
+
+
 def test_a_body_at_rest_does_not_stand_still() -> None:
     motion = spin(rate=0.0, speed=0.0, noise=1e-4)
     assert stalls(replace(motion, time_ns=motion.time_ns + (np.arange(1000) >= 600) * 10**9)) == []
