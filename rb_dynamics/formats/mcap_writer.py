@@ -131,6 +131,11 @@ class McapWriter:
         self._file.write(MAGIC + _record(Opcode.HEADER, _text("ros2") + _text(self._library)))
 
     @property
+    def end_time(self) -> int:
+        """The latest time of a message that is in the file, ns; 0 without any."""
+        return self._written.end_time
+
+    @property
     def counts(self) -> dict[int, int]:
         """Messages in finished chunks, by channel."""
         return self._written.counts

@@ -208,6 +208,11 @@ class McapSink:
         """Bytes in the file."""
         return 0 if self._file is None else self._file.tell()
 
+    @property
+    def end_ns(self) -> int:
+        """The latest time of a message that is in the file, ns."""
+        return self._writer.end_time
+
     def counts(self) -> dict[str, int]:
         """Return how many messages are in the file, by the name of the topic."""
         return {self._absolute(name): self._writer.counts[number] for name, number in self._ids.items()}

@@ -125,6 +125,8 @@ class BagSink:
             self._sink.close(result)
         finally:
             self._files[-1].counts = +Counter(self._sink.counts())
+            # A full disk may have lost the end of what was logged.
+            self._files[-1].end_ns = max(self._files[-1].start_ns, min(self._files[-1].end_ns, self._sink.end_ns))
             self._channels |= {channel.topic: channel for channel in self._sink.channels()}
 
     def _full(self, time_ns: int) -> bool:

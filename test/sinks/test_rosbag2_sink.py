@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rb_dynamics.analysis.read_track import read_track
 from rb_dynamics.analysis.summary import summarize
 from rb_dynamics.errors import LogError
 from rb_dynamics.formats.bag_source import open_source
+from rb_dynamics.formats.mcap_integrity import verify_bag
 from rb_dynamics.formats.output_file import move_aside
 from rb_dynamics.formats.recovery import recover
 from rb_dynamics.loads.wrench import Wrench
@@ -275,3 +277,15 @@ def test_commands_of_a_bag_that_lacks_files_come_with_a_warning(split: Path, cap
     (split / "spin_1.mcap").unlink()
     assert len(RecordedWrenches([split], ["wrench"])) == 2
     assert "spin is without spin_1.mcap; the 2 commands in it are used" in caplog.text
+
+
+def test_a_bag_that_filled_the_disk_lasts_as_long_as_what_is_in_it(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard))
+    try:
+        with pytest.raises(LogError, match="cannot go on writing"):
+            simulate(replace(SCENE, duration=100.0), sinks=[BagSink(tmp_path / "run")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    verify_bag(tmp_path / "run")
