@@ -1,9 +1,10 @@
 """`fit_of_twist`: by how much a twist lags the pose, and by which factor and turn of axes it differs, from kinematics.
 
-The change of the pose over a block of time is (1 + s) W + θ x W + b t, where W is the integral of the twist over the
-block, shifted by the lag, and b a constant error as gyros have. Gauss-Newton gives lag, s, θ and b. Their standard
-errors come from the scatter between groups of blocks, so that they hold for noise that is not white (Liang and Zeger,
-Biometrika 73 (1986) 13), and from the rounding of the twist, which scatters little where the twist stays at one value.
+The change of the pose over a block of time is (1 + s) R(θ) W + b t, where W is the integral of the twist over the
+block, shifted by the lag, R(θ) the rotation by θ, and b a constant error as gyros have. Gauss-Newton gives lag, s, θ
+and b. Their standard errors come from the scatter between groups of blocks, so that they hold for noise that is not
+white (Liang and Zeger, Biometrika 73 (1986) 13), and from the rounding of the twist, which scatters little where the
+twist stays at one value.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 
 from rb_dynamics.analysis.track import Array, Times, TimeSeries, in_blocks, parts
 from rb_dynamics.numerics.growing_array import give_back, stored
+from rb_dynamics.numerics.rotation import exp, log, multiply
+from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse
+from rb_dynamics.numerics.vector import norm
 
 # A value counts if it is this multiple of its standard error, which comes from few groups.
 _SIGNIFICANT = 8.0
@@ -78,10 +82,10 @@ class TwistFit:
 
     def corrected(self, twist: TimeSeries) -> TimeSeries:
         """Return the twist without these differences."""
-        axis = np.array(self.turned)
+        turn = np.array(exp(self.turned))
         values = stored(
             (
-                np.hstack([(part + np.cross(axis, part)) / (1.0 + self.scale) for part in np.hsplit(rows, 2)])
+                np.hstack([rotate_all(turn, part) / (1.0 + self.scale) for part in np.hsplit(rows, 2)])
                 for rows in in_blocks(twist.values)
             ),
             6,
@@ -238,14 +242,21 @@ class _Blocks:
     def fit(self, lag: float, model: tuple[int, ...]) -> _Fit | None:
         """Return the fit of these columns, from about this `lag` on; None if there is none."""
         lag = lag if 0 in model else 0.0
+        here = there = 1.0, (0.0, 0.0, 0.0, 1.0)
         for _ in range(_ITERATIONS):
-            found = self._linear(lag, list(model))
+            found = self._linear(lag, here[0], np.array(here[1]), list(model))
+            found.errors[1] *= abs(here[0])
             lag = float(np.clip(lag + found.values[0], -self.longest, self.longest))
-            if abs(found.values[0]) <= 0.01 * found.errors[0]:
+            x, y, z = found.values[2:5].tolist()
+            there = here[0] * (1.0 + float(found.values[1])), multiply(exp((x, y, z)), here[1])
+            # A turn that is not known, as about a straight path, would lead ever farther away.
+            far = norm((x, y, z)) > max(_LEAST, _SIGNIFICANT * float(np.linalg.norm(found.errors[2:5])))
+            if not far and abs(found.values[0]) <= 0.01 * found.errors[0]:
                 break
+            here = there if far else here
         if abs(lag) >= self.longest or found.left > _BETTER * found.spread:
             return None
-        found.values[0] = lag
+        found.values[:5] = lag, there[0] - 1.0, *log(there[1])
         return found
 
     def nearest(self) -> float:
@@ -269,18 +280,24 @@ class _Blocks:
     def _at(self, rows: Array, times: Array) -> Array:
         return np.stack([np.interp(times, self.at, column) for column in rows], axis=1)
 
-    def _linear(self, lag: float, kept: list[int]) -> _Fit:
-        """Return the change of these columns.
+    def _linear(self, lag: float, factor: float, turn: Array, kept: list[int]) -> _Fit:
+        """Return the change of these columns, from a `lag`, a `factor` and a `turn` (quaternion) of the twist on.
 
         The noise of the twist is in the model, too, and would bias least squares. What the twist says shortly before
         and after a block, whose noise is independent, therefore serves as instrument.
         """
         begin, end = self.begin + lag, self.end + lag
-        moved, seconds, count = self._moved(begin, end), end - begin, len(begin)
-        slope = self._at(self.said, end) - self._at(self.said, begin)
-        apart, length = self.away, 0.5 * seconds
-        before = self._moved(begin - apart - length, begin - apart)
-        after = self._moved(end + apart, end + apart + length)
+        apart, seconds, count = self.away, end - begin, len(begin)
+        length, told = 0.5 * seconds, self._moved(begin, end)
+        moved, slope, before, after = (
+            factor * rotate_all(turn, rows)
+            for rows in (
+                told,
+                self._at(self.said, end) - self._at(self.said, begin),
+                self._moved(begin - apart - length, begin - apart),
+                self._moved(end + apart, end + apart + length),
+            )
+        )
         columns = _columns(slope, moved, seconds)
         beside_columns = _columns((after - before) / seconds[:, None], before + after, seconds)
         model, beside = columns[:, kept], beside_columns[:, kept]
@@ -302,7 +319,8 @@ class _Blocks:
         scores = (beside * left[:, None]).reshape(count, 3, -1).sum(axis=1)
         groups = np.add.reduceat(scores, np.arange(_GROUPS) * count // _GROUPS, axis=0)
         scatter = inverse @ (groups.T @ groups) @ inverse.T * _GROUPS / (_GROUPS - 1.0)
-        rounding = self._rounding(moved / seconds[:, None], seconds, inverse @ beside.T)
+        effect = factor * rotate_all_inverse(turn, (inverse @ beside.T).reshape(-1, count, 3))
+        rounding = self._rounding(told / seconds[:, None], seconds, effect)
         variances = np.maximum(np.diag(scatter), 0.0) + rounding
         values[kept], errors[kept] = best / size, np.sqrt(variances) / size
         return _Fit(values, errors, float(left @ left) + (_LEAST * float(np.linalg.norm(moved))) ** 2, spread, count)
@@ -315,7 +333,7 @@ class _Blocks:
         found = np.zeros(len(effect))
         if self.step:
             levels = np.rint(mean / self.step).astype(np.intp)
-            shares = effect.reshape(len(effect), -1, 3) * seconds[:, None]
+            shares = effect * seconds[:, None]
             for axis, column in enumerate((levels - levels.min(axis=0)).T):
                 found += [float(np.sum(np.bincount(column, share) ** 2)) for share in shares[:, :, axis]]
         return found * self.step**2 / 12.0

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from rb_dynamics.analysis.track import TimeSeries
 from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
 
 TIMES = np.arange(1200) * 10_000_000
@@ -64,3 +66,20 @@ def test_axes_of_a_rounded_velocity_are_told() -> None:
     fit = fit_of_twist(TIMES, np.diff(position, axis=0), TIMES, 0.01 * np.rint(turned / 0.01), 0.0)
     assert fit.turned == pytest.approx((0.0, 0.0, 0.1), abs=4.0 * fit.turn_error)
     assert fit.large
+
+
+@pytest.mark.parametrize(("degrees", "factor"), [(6.0, 1.0), (12.0, 1.0), (12.0, 1.15), (40.0, 0.9)])
+def test_of_a_large_turn_factor_and_angle_are_within_their_errors(degrees: float, factor: float) -> None:
+    speeds = np.array([0.6, 0.9, 1.4])
+    phases = np.outer(SECONDS, speeds) + np.array([0.0, 1.6, 0.0])
+    position, velocity = np.sin(phases), speeds * np.cos(phases)
+    turn = np.deg2rad(degrees) * np.array([2.0, -1.0, 2.0]) / 3.0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        said = factor * Rotation.from_rotvec(-turn).apply(velocity) + 1e-3 * random.standard_normal(velocity.shape)
+        gone = np.diff(position + 1e-4 * random.standard_normal(position.shape), axis=0)
+        fit = fit_of_twist(TIMES, gone, TIMES, said, 0.0)
+        assert fit.turned == pytest.approx(tuple(turn), abs=5.0 * fit.turn_error)
+        assert 1.0 + fit.scale == pytest.approx(factor, abs=5.0 * fit.scale_error)
+        twist = TimeSeries("/twist", TIMES, np.hstack([said, said]))
+        assert np.abs(fit.corrected(twist).values[:, :3] - velocity).max() < 0.02
