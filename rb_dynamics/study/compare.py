@@ -173,7 +173,7 @@ class _Flights:
             None if isinstance(each, Scene) or _is_scene(each) else read_bag(each, repeated) for each in self._sources
         ]
         self._take_out_pauses([each for each in bags if each is not None])
-        a, b = (None if bag is None else self._of_bag(bag, k) for k, bag in enumerate(bags))
+        a, b = (None if bag is None else self._of_bag(bag, k, bags[1 - k]) for k, bag in enumerate(bags))
         if a is not None and b is not None:
             if self._one_bag:
                 _require_different(a.track, b.track)
@@ -200,11 +200,11 @@ class _Flights:
                 "node fell behind. ROS times are compared without that."
             )
 
-    def _of_bag(self, bag: Bag, place: int) -> Given:
+    def _of_bag(self, bag: Bag, place: int, other: Bag | None) -> Given:
         """Return a recording; `place` is 0 for A."""
         own, source = RUN in bag.metadata, self._sources[place]
         scene = None if own else self._scene or self._other_scene()
-        choice = None if own else self._topics
+        choice = None if own else self._topics or _named_in_log(bag, other)
         if self._choices is not None:
             choice = replace(self._choices[place], alone=self._one_bag)
         track = read_track(bag, scene, choice, spikes=True, thrusters=False)
@@ -289,6 +289,17 @@ class _Flights:
         commands = RecordedWrenches([bag.path], topics, end_ns, mapping, self._start, channels, scene.actuators)
         commands.require_some(continues=scene.past is not None)
         return commands
+
+
+def _named_in_log(bag: Bag, log: Bag | None) -> TopicChoice | None:
+    """Return the motion in a bag by its names in the log beside it; None without these: a bag may have other bodies."""
+    if log is None or RUN not in log.metadata:
+        return None
+    for names in (("pose", "twist"), ("odom", "odom")):
+        pose, twist = map(log.called, names)
+        if all(name in bag.topics and bag.topics[name].count for name in (pose, twist)):
+            return TopicChoice(pose, twist)
+    return None
 
 
 def _start_of(commands: RecordedWrenches) -> int:

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 import rb_dynamics as rb
 from rb_dynamics.analysis.command_differences import CommandDifference, command_differences
 from rb_dynamics.analysis.interpolated_signal import Signal
-from rb_dynamics.analysis.read_track import read_track
+from rb_dynamics.analysis.read_track import TopicChoice, read_track
 from rb_dynamics.analysis.recording_differences import MOTION, Given, compare_tracks, difference
 from rb_dynamics.analysis.time_alignment import Alignment
 from rb_dynamics.cli import main
@@ -876,6 +876,22 @@ def test_commands_of_a_bag_beyond_the_limits_of_their_channel_are_not_known_with
         other = foreign(tmp_path / "other.mcap", flown, later_ns=LATER, commands=late)
         (told,) = rb.compare(flown, other).commands or ()
         assert told.first_ns == 3_100_000_000
+
+
+def test_of_several_bodies_in_a_bag_that_of_the_log_is_compared(log: Path, heavier: Path, tmp_path: Path) -> None:
+    """The first pose was taken, and so another body's: no lag was certain, or the motions differed."""
+    flown = tmp_path / "flown.mcap"
+    rb.simulate(rb.parse_scene(SCENE), COMMANDS, [McapSink(flown, namespace="/b")])
+    rows = []
+    for name, run in (("a", heavier), ("b", log)):
+        motion = open_source(foreign(tmp_path / f"{name}.mcap", run, later_ns=LATER)).messages()
+        rows += [
+            (m.channel.topic.replace("/vicon", f"/{name}"), m.channel.type_name, m.log_time, m.data) for m in motion
+        ]
+    bag = write_rows(tmp_path / "both.mcap", sorted(rows, key=lambda row: row[2]))
+    for pair in ((flown, bag), (bag, flown)):
+        assert rb.compare(*pair, bound=0.0).passed
+    assert not rb.compare(flown, bag, topics=TopicChoice("/a/pose", "/a/twist"), align="start", bound=0.0).passed
 
 
 def test_channels_of_a_namespace_are_compared_with_those_of_their_names(log: Path, folder: Path) -> None:
