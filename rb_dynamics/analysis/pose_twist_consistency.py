@@ -48,6 +48,8 @@ _OFTEN, _TIMES = 0.1, 3.0
 # What interpolation may explain of a difference, of its change with every second sample left out: a third to leading
 # order, and more for large rotations between samples.
 _OF_HALVED = 0.5
+# A shorter quaternion is not normalised to an attitude.
+_BLANK = 0.5
 # So many times its own noise, the integral of the twist may be off.
 _NOISES = 3.0
 RARE = "as interpolation between samples as rare or as noisy as these may"
@@ -197,6 +199,7 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
     pose, twist = pose.once, twist.once
     if len(pose.time_ns) < 2 or len(twist.time_ns) < 2:
         return ()
+    pose = _without_blanks(pose)
     both = _Both.of(pose, twist)
     if both is None:
         apart = pose.time_ns[0] > twist.time_ns[-1] or twist.time_ns[0] > pose.time_ns[-1]
@@ -223,6 +226,14 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
         return attitude, Agreement("position", None, reason=f"{lacks} does not measure it")
     position = _with_alignment(_judged("position", both, moves), both, pose, twist, moves)
     return attitude, _with_arm(position, both, pose, twist, moves)
+
+
+def _without_blanks(pose: TimeSeries) -> TimeSeries:
+    """Return the pose without samples whose quaternion was not filled in, unless that is so of all."""
+    blank = np.concatenate([sizes_of(rows[:, 3:]) < _BLANK for rows in in_blocks(pose.values)])
+    if not blank.any() or blank.all():
+        return pose
+    return replace(pose, time_ns=pose.time_ns[~blank], values=pose.values[~blank])
 
 
 def _leaping(both: _Both) -> Agreement | None:

@@ -192,6 +192,16 @@ def test_a_recording_that_often_lacks_a_sample_is_judged() -> None:
     assert "in degrees per second" in failing(bag_of(motion, twist_rows=WRONG["degrees"][0](motion)))[TURNS]
 
 
+@pytest.mark.parametrize("every", [50, 10])
+def test_quaternions_that_were_not_filled_in_make_no_factor(every: int) -> None:
+    motion = precessing()
+    twist_rows = body_twist(motion)
+    motion.orientation_xyzw[1::every] = 0.0
+    bag = bag_of(motion, twist_rows=twist_rows)
+    assert list(failing(bag)) == ["quaternion is unit"]
+    assert not any(each.contradicts or each.words for each in agreements(read_track(bag)))
+
+
 def test_a_wrong_sign_of_an_axis_about_which_the_body_turns_little_is_told() -> None:
     """The difference is small beside the whole rate; it used to pass, and no inertia then explained the motion."""
     motion, axis = spin(rate=2.0), np.array([0.8, 0.08, np.sqrt(1.0 - 0.8**2 - 0.08**2)])
