@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from rb_dynamics.formats.log_metadata import epochs
+from rb_dynamics.formats.mcap_records import END_OF_TIME
 from rb_dynamics.formats.topic_messages import Times
 from rb_dynamics.logs.bag_reader import Bag
 
@@ -20,7 +21,7 @@ def in_time_of(log: Bag, *bags: Bag) -> float:
     known = epochs(log.metadata)
     moved = [(since + before, since + after) for (_, before), (since, after) in itertools.pairwise(known)]
     ends = [time for each in moved for time in each]
-    if not moved or ends != sorted(ends):
+    if not moved or ends != sorted(ends) or ends[-1] >= END_OF_TIME:
         return 0.0
     begins, resumes = np.array(moved, dtype=np.int64).T
     stood = np.concatenate([[0], np.cumsum(resumes - begins)])

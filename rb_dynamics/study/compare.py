@@ -25,8 +25,8 @@ from rb_dynamics.formats.log_metadata import RUN, TOPICS
 from rb_dynamics.formats.message_types import SCALAR
 from rb_dynamics.loads.wrench_channels import WrenchChannels
 from rb_dynamics.logs import unset_stamps
+from rb_dynamics.logs.bag_reader import POSES, TWISTS, Bag, read_bag
 from rb_dynamics.logs.bag_reader import WRENCHES as WRENCH_TYPES
-from rb_dynamics.logs.bag_reader import Bag, read_bag
 from rb_dynamics.logs.messages import APPLIED
 from rb_dynamics.logs.own_log import opened_scene
 from rb_dynamics.logs.ros_time import in_time_of
@@ -297,7 +297,11 @@ def _named_in_log(bag: Bag, log: Bag | None) -> TopicChoice | None:
         return None
     for names in (("pose", "twist"), ("odom", "odom")):
         pose, twist = map(log.called, names)
-        if all(name in bag.topics and bag.topics[name].count for name in (pose, twist)):
+        found = [bag.topics.get(name) for name in (pose, twist)]
+        if all(
+            each is not None and each.count and each.type_name in types
+            for each, types in zip(found, (POSES, TWISTS), strict=True)
+        ):
             return TopicChoice(pose, twist)
     return None
 

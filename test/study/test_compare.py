@@ -253,6 +253,14 @@ def test_a_bag_in_ros_time_is_compared_across_pauses_of_its_node(folder: Path, r
         rb.compare(fly(folder / "unaware.mcap"), bag)
 
 
+def test_ros_times_of_a_damaged_log_are_no_traceback(folder: Path) -> None:
+    sink = _LogOfNode(folder / "damaged.mcap")
+    sink.epochs = ((0.0, LATER), (1.3, 9_999_999_999_999_999_999))
+    rb.simulate(rb.parse_scene(SCENE, "test.yaml"), COMMANDS, [sink])
+    bag = foreign(folder / "of damaged.mcap", folder / "damaged.mcap")
+    assert rb.compare(folder / "damaged.mcap", bag, bound=0.0).passed
+
+
 def test_of_commands_stamped_in_a_pause_the_newest_by_its_stamp_acts_after_it(folder: Path) -> None:
     """The one that was recorded last did: commands "differed" where the node had gone by their stamps."""
     first, pauses = LATER, {1.3: 0.35}
