@@ -89,6 +89,10 @@ def test_which_logs_are_meant(folder: Path, example_dir: Path) -> None:
 def test_what_one_log_alone_can_have(folder: Path) -> None:
     logs = folder / "a.mcap", folder / "b.mcap"
     assert "--video for 2 logs" in command("inspect", *logs, "--video", folder / "a.gif").stderr
+    # An ending that is none is refused before the log is read, which may take minutes.
+    refused = command("inspect", logs[0], "--video", folder / "a.xyz")
+    assert "ends in .mp4 or .gif" in refused.stderr
+    assert refused.stdout == ""
     assert "2 logs with --into ros" in command("replay", *logs, "--into", "ros").stderr
     assert "it is, or holds, what is read" in command("inspect", *logs, "--html", folder / "b.mcap").stderr
 
