@@ -29,9 +29,10 @@ _LAGGED = (
     "are not compared: what acted followed them with a lag, and the two recordings do not say what acted at the same "
     "times"
 )
+_IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
+
 # When a wrench begins to act, and its bytes; None for one that is not known.
 _Change: TypeAlias = tuple[int, "bytes | None"]
-_IN_GAPS = "differ only within gaps of the motion, where they may be missing, too"
 
 
 @dataclass(frozen=True)
@@ -201,14 +202,14 @@ def _on_arrival(
     most_ns, next_ns = 0, span_ns[1]
     while log or bag:
         (at, _), (stamp, commanded) = (each[-1] if each else (span_ns[1], None) for each in (log, bag))
-        if log and bag and _one(log[-1], bag[-1], late_ns):
+        if log and bag and _same(log[-1], bag[-1], late_ns):
             most_ns = max(most_ns, abs(at - stamp))
             log.pop()
             next_ns, _ = bag.pop()
         elif bag and commanded is None:
             next_ns, _ = bag.pop()
             # Backwards in time: what acted since is that of the command, if it was accepted.
-            while log and log[-1][0] >= stamp and not (bag and _one(log[-1], bag[-1], late_ns)):
+            while log and log[-1][0] >= stamp and not (bag and _same(log[-1], bag[-1], late_ns)):
                 log.pop()
         elif log and (not bag or at >= stamp) and any(begin <= at <= end for begin, end in loose):
             log.pop()
@@ -224,7 +225,7 @@ def _latest_ns(log: Track) -> int:
     return max(_ARRIVAL_NS, round(_ARRIVAL_OUTPUTS / rate * 1e9) if rate > 0.0 else 0)
 
 
-def _one(acting: _Change, commanded: _Change, late_ns: tuple[int, int]) -> bool:
+def _same(acting: _Change, commanded: _Change, late_ns: tuple[int, int]) -> bool:
     """Return whether a change is that which a bag has, later by at least and less than so much."""
     least, most = late_ns
     return acting[1] == commanded[1] and least <= acting[0] - commanded[0] < most

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rb_dynamics.analysis.gaps import longest_usual
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, unit_rows
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, filled_in, unit_rows
 from rb_dynamics.numerics.rotation_arrays import (
     exponentials,
     product,
@@ -187,7 +187,7 @@ class MotionSignals:
 
         position, attitude = measured(pose, slice(0, 3)), None
         if pose is not None:
-            filled = np.linalg.norm(pose.values[:, 3:], axis=1) > 0.5
+            filled = filled_in(pose.values[:, 3:])
             if filled.any():
                 attitude = Signal.of(pose.time_ns[filled], unit_rows(pose.values[filled, 3:]), missing, moved_ns)
         linear, angular = measured(twist, slice(0, 3)), measured(twist, slice(3, 6))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rb_dynamics.analysis.continuity import pose_columns, smallest_change
 from rb_dynamics.analysis.gaps import longest_usual
 from rb_dynamics.analysis.noise import noise_of_path, typical_at
-from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, in_blocks, parts, sizes_of, unit_rows
+from rb_dynamics.analysis.track import Array, Times, TimeSeries, Track, filled_in, in_blocks, parts, sizes_of, unit_rows
 from rb_dynamics.analysis.twist_calibration import TwistFit, fit_of_twist
 from rb_dynamics.numerics.growing_array import give_back, stored
 from rb_dynamics.numerics.rotation_arrays import rotate_all, rotate_all_inverse, rotation_vectors
@@ -48,8 +48,6 @@ _OFTEN, _TIMES = 0.1, 3.0
 # What interpolation may explain of a difference, of its change with every second sample left out: a third to leading
 # order, and more for large rotations between samples.
 _OF_HALVED = 0.5
-# A shorter quaternion is not normalised to an attitude.
-_BLANK = 0.5
 # So many times its own noise, the integral of the twist may be off.
 _NOISES = 3.0
 RARE = "as interpolation between samples as rare or as noisy as these may"
@@ -230,10 +228,10 @@ def agreements_of(pose: TimeSeries, twist: TimeSeries, twist_in_world: bool) -> 
 
 def _without_blanks(pose: TimeSeries) -> TimeSeries:
     """Return the pose without samples whose quaternion was not filled in, unless that is so of all."""
-    blank = np.concatenate([sizes_of(rows[:, 3:]) < _BLANK for rows in in_blocks(pose.values)])
-    if not blank.any() or blank.all():
+    filled = filled_in(pose.values[:, 3:])
+    if filled.all() or not filled.any():
         return pose
-    return replace(pose, time_ns=pose.time_ns[~blank], values=pose.values[~blank])
+    return replace(pose, time_ns=pose.time_ns[filled], values=pose.values[filled])
 
 
 def _leaping(both: _Both) -> Agreement | None:

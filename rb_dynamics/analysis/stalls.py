@@ -1,7 +1,7 @@
 """`stalls`: where the stamps of a pose go on while the body stands still.
 
-A simulator that falls behind, or is paused, does that if it stamps its messages with the time of day: the body then
-goes on from where it stood.
+A simulator with wall-clock stamps does that when it falls behind or is paused; the body then goes on from where it
+stood.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from rb_dynamics.numerics.rotation_arrays import rotation_vectors, rotations_bet
 _LONG, _BESIDE, _AROUND = 1.4, 3, 12
 # The body stood still for this part of the interval at least, and so long that noise does not explain it so many times.
 _PART, _SURE = 0.4, 50.0
-# When it goes on, the next sample comes a usual interval later, or this part of one.
+# When it goes on, the next sample comes at least this part of a usual interval later.
 _NEXT = 0.5
-# Its motion may differ from that of a shorter interval by that of a usual one, or by noise so many times.
+# What it moved may be off by the motion of a usual interval, or by so many times the noise.
 _NOISE = 10.0
 # A larger turn in an interval is mistaken for another (rad), so that attitudes alone do not tell.
 _TURN = 2.0
 
 
-STOOD = "The stamps went on and the body did not, as where a simulator falls behind or is paused,"
+STOOD = "The body stood still while the stamps went on, as when a simulator falls behind or is paused,"
 
 
 class Stall(NamedTuple):

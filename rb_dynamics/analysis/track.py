@@ -249,7 +249,7 @@ class Track:
         missing: first and last time of each piece of the recording that is not here, by the clock of the motion.
         moved_ns: when the body was moved to another state from outside, ascending, by that clock; a sample of that
             time is from before.
-        stalls: where stamps went on and the body did not, in a bag of another program.
+        stalls: where the body stood still while the stamps went on, in a bag of another program.
     """
 
     bag: Bag
@@ -441,6 +441,12 @@ def shared(one: Times, other: Times) -> tuple[Times, Rows, Rows]:
     if np.array_equal(one, other) and (one[1:] > one[:-1]).all():
         return one, slice(None), slice(None)
     return np.intersect1d(one, other, return_indices=True)
+
+
+def filled_in(orientation_xyzw: Array) -> NDArray[np.bool_]:
+    """Return which quaternions can be normalised to an attitude: not those of zeros, which nobody filled in."""
+    mask: NDArray[np.bool_] = sizes_of(orientation_xyzw) > 0.5
+    return mask
 
 
 def unit_rows(orientation_xyzw: Array) -> Array:

@@ -223,7 +223,7 @@ class Runner:
             self._hasten(offset_ns - before_ns)
 
     def _hasten(self, by_ns: int | None, run: Simulation | None = None) -> None:
-        """Let the commands of a run that wait for their stamps act so much earlier; never, if their time is over."""
+        """Let commands that wait for their stamps act so much earlier, or never (None), where their time is over."""
         if self._mode.apply_at != "stamp" or by_ns == 0:
             return
         for arrivals in self._arrivals.values():

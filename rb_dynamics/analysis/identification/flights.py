@@ -114,7 +114,7 @@ class Flight:
         notes: remarks for the user on how it was read.
         moved_ns: when the body was moved to another state, ascending, from time 0 of the run.
         set_ns: when the clock was set forward, likewise: the last stamp before.
-        stalls: where stamps went on and the body did not, likewise.
+        stalls: where the body stood still while the stamps went on, likewise.
         zero_ns: the stamp at which its times begin.
         frames_to_choose: as in `Track`.
         wheels: speeds of the reaction wheels of the scene.
